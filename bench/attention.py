@@ -32,10 +32,9 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.observations import TRULY, moments, stations_at, views
 from upplied.records import Bools, Cloud, Demonstration, Structure
-from upplied.samples.airframe import airframe, left_nacelle
+from upplied.samples.airframe import airframe, left_nacelle, tower_of
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.samples.plan_view import tower_of
 from upplied.samples.surfaces import Member
 
 #: Names of the sample fleet's parts: strictly meant, and what is attached to them.

@@ -37,7 +37,7 @@ from upplied.fleet import planner, run  # noqa: E402
 from upplied.fleet.planner import Outcome  # noqa: E402
 from upplied.flows.server import Server  # noqa: E402
 from upplied.planning.correspondence.memo import Memo  # noqa: E402
-from upplied.planning.surface.thinning import voxel_cloud  # noqa: E402
+from upplied.planning.surface.lattice import voxel_cloud  # noqa: E402
 from upplied.records import Cloud, Demonstration, Plan, Structure, Trajectory  # noqa: E402
 from upplied.samples.fleet import member  # noqa: E402
 from upplied.samples.pilot import fly  # noqa: E402

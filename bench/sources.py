@@ -32,7 +32,7 @@ from upplied.errors import InputError
 from upplied.geometry.poses import angle_between, from_yaw_pitch, optical_axis, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.inputs.passport.conventions import NAMED, Change
+from upplied.inputs.passport.fits import NAMED, Change
 from upplied.inputs.rules import CONVENTIONS
 
 _POSES = 300  # of a flight that is written in a wrong convention

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.geometry.poses import look_at
-from upplied.planning.surface.pieces import mesh_pieces
+from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Camera, Demonstration, Floats, Ints, Structure, Surroundings
 
 FAMILIES = ("alley", "overhang", "poles", "corner", "gate", "tower")

@@ -200,7 +200,7 @@ SCANNED_ALONE = {
     "fleet/admission.py": "samples of a structure",
     "fleet/editing.py": "samples of a structure",
     "fleet/flight_logs.py": "samples, and what a real flight kept clear of and saw: it is its own evidence",
-    "outputs/camera_pictures.py": "a picture of what is known",
+    "outputs/logs.py": "a picture of what is known",
     "outputs/mission_drawing.py": "how high above the ground, and what real photos looked at: what is there",
     "outputs/missions/transits.py": "samples of a structure",
     "outputs/reports.py": "the demonstration, round the structure that it was flown on",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from upplied.public import public_names
+from upplied.extras import public_names
 
 __version__ = "0.2.0"
 

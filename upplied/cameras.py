@@ -22,29 +22,15 @@ _FIGURES = {
     "focus_m": "nearest focus", "trigger_s": "least time between photos",
 }  # fmt: skip
 _OF_FIELD = ("sensor_mm", "dfov_deg")  # they give the field of view and nothing else
-_UNLIMITED_M = 50.0  # as the default of `Camera.max_range_m`: nobody states how far off a photo is of use
 
 
 def known_cameras() -> Mapping[str, Mapping[str, Any]]:
     """The entries of `cameras.toml` by their names."""
-    text = resources.files("upplied").joinpath("cameras.toml").read_text("utf-8")
-    return tomllib.loads(text)
+    return tomllib.loads(resources.files("upplied").joinpath("cameras.toml").read_text("utf-8"))
 
 
 def known_camera(name: str, file_format: str = "jpeg") -> Camera:
-    """A camera of the list.
-
-    Parameters
-    ----------
-    name : str
-        Of its entry in `cameras.toml`.
-    file_format : {"jpeg", "raw"}
-        Of its photos: the longest time that is stated counts where none is for this one.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such camera or file format.
+    """A camera of the list, for photos of a format: the longest time stated counts where none is for it.
 
     Examples
     --------
@@ -69,7 +55,6 @@ def known_camera(name: str, file_format: str = "jpeg") -> Camera:
         hfov_deg=math.degrees(2 * math.atan(half)),
         vfov_deg=math.degrees(2 * math.atan(half * height / width)),
         min_range_m=max(Camera.min_range_m, focus),
-        max_range_m=_UNLIMITED_M,
         width_px=width,
         height_px=height,
         model=name,
@@ -123,12 +108,7 @@ def least_interval(camera: Camera | None) -> tuple[float, str]:
 def unverified(name: str, stated: Collection[str] = ()) -> str:
     """The figures of a camera of the list that were read nowhere, in words; empty where there are none.
 
-    Parameters
-    ----------
-    name : str
-        Of its entry in `cameras.toml`.
-    stated : collection of str
-        Fields of `Camera` that are known of the flight itself.
+    `stated` are the fields of `Camera` that are known of the flight itself.
 
     Examples
     --------
@@ -137,8 +117,7 @@ def unverified(name: str, stated: Collection[str] = ()) -> str:
     >>> unverified("sony-a7r-iv-35")
     ''
     """
-    figures = known_cameras()[name].get("unverified", ())
-    lens = "hfov_deg" in stated
-    listed = [words for key, words in _FIGURES.items()
-              if key in figures and key not in stated and not (lens and key in _OF_FIELD)]  # fmt: skip
+    known = {*stated, *(_OF_FIELD if "hfov_deg" in stated else ())}
+    figures = set(known_cameras()[name].get("unverified", ())) - known
+    listed = [words for key, words in _FIGURES.items() if key in figures]
     return f"{', '.join(listed)} of {name} not verified" if listed else ""

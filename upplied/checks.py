@@ -24,12 +24,8 @@ def check_id(value: object, what: str) -> str:
     """
     if isinstance(value, str) and _ID.fullmatch(value):
         return value
-    raise InputError(
-        what,
-        f"got {str(value)[:80]!r}",
-        "1 to 64 of A-Z a-z 0-9 _ and -, starting with a letter or digit",
-        "choose another id",
-    )
+    rule = "1 to 64 of A-Z a-z 0-9 _ and -, starting with a letter or digit"
+    raise InputError(what, f"got {str(value)[:80]!r}", rule, "choose another id")
 
 
 def pair_name(demonstration_id: str, target_id: str) -> str:
@@ -72,9 +68,8 @@ def check_finite(values: Floats, shape: tuple[int | None, ...], what: str) -> Fl
     """An array of finite floats of the given shape (None: any length)."""
     array = np.asarray(values, float)
     wanted = tuple("n" if size is None else size for size in shape)
-    if array.ndim != len(shape) or any(
-        size is not None and size != given for size, given in zip(shape, array.shape, strict=False)
-    ):
+    sizes = zip(shape, array.shape, strict=False)
+    if array.ndim != len(shape) or any(size not in (None, given) for size, given in sizes):
         raise InputError(what, f"has shape {array.shape}", f"shape {wanted}")
     bad = int((~np.isfinite(array)).sum())
     if bad:

@@ -10,14 +10,10 @@ class UppliedError(Exception):
 
     Parameters
     ----------
-    what : str
-        The file, id or setting that is concerned.
-    finding : str
-        What was found there.
-    rule : str, optional
-        What is allowed, or a suggestion.
-    remedy : str, optional
-        What the reader can do about it.
+    what, finding : str
+        The file, id or setting that is concerned, and what was found there.
+    rule, remedy : str, optional
+        What is allowed, or a suggestion; and what the reader can do about it.
     """
 
     def __init__(self, what: str, finding: str, rule: str = "", remedy: str = "") -> None:

@@ -22,20 +22,12 @@ _MOST_SAMPLED = 40  # pictures whose overlap with other passes is computed
 
 
 class Frames:
-    """The pictures that a camera would take at some poses.
-
-    Parameters
-    ----------
-    poses : Trajectory
-        P poses; where they zoom, each has its own field of view.
-    camera : Camera
-    scene : Scene
-    """
+    """The pictures that a camera would take at P poses; where they zoom, each has its own field of view."""
 
     def __init__(self, poses: Trajectory, camera: Camera, scene: Scene) -> None:
         self.poses, self.camera, self.scene = poses, camera, scene
-        fields = np.tile([camera.hfov_deg, camera.vfov_deg], (len(poses), 1))
-        fields = fields if poses.fov_deg is None else poses.fov_deg
+        fixed = np.tile([camera.hfov_deg, camera.vfov_deg], (len(poses), 1))
+        fields = fixed if poses.fov_deg is None else poses.fov_deg
         self.slopes = np.tan(np.radians(np.minimum(fields, 179.0)) / 2)
         self.turns = matrices(poses.quat_xyzw)
         self._hits: dict[int, Floats] = {}

@@ -15,7 +15,7 @@ from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.geometry.slowing import no_harder, spaced
 from upplied.overlap import Frames
-from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
+from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 MARGIN = 1.03  # of the least interval: files round speeds
 _USUAL = 0.6  # overlap along, where none is required and the camera is ready in time
@@ -28,6 +28,7 @@ _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance an
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
 _HALVINGS = 7  # of the time between two places, for a required overlap
 _SAME_S = 1e-6
+Span = tuple[float, float]  # two times, s
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,30 +45,17 @@ class Photographed(Record):
 
 
 def photographed(
-    path: Trajectory,
-    camera: Camera,
-    scene: Scene,
-    surface: Cloud,
-    interval_s: float,
-    most_mps2: float,
-    overlap: tuple[float, float] | None = None,
-    complete: bool = False,
-) -> Photographed:
-    """The photo points of a path.
+    path: Trajectory, camera: Camera, scene: Scene, surface: Cloud, interval_s: float, most_mps2: float,
+    overlap: tuple[float, float] | None = None, complete: bool = False,
+) -> Photographed:  # fmt: skip
+    """The photo points of a path of N poses at the times they are planned for.
+
+    What the path shows of the samples of the surface its photos are to show, not much more coarsely.
 
     Parameters
     ----------
-    path : Trajectory
-        N poses at the times they are planned for.
-    camera : Camera
-    scene : Scene
-        That hides what lies behind it.
-    surface : Cloud
-        M samples; what the path shows of them its photos are to show, not much more coarsely.
-    interval_s : float
-        Least time between two photos.
-    most_mps2 : float
-        Acceleration allowed at the bends beside a photo; the path's own where that is more.
+    interval_s, most_mps2 : float
+        Least time between two photos; acceleration allowed at the bends beside one, or the path's own.
     overlap : (along, across), optional
         Required overlap, 0 to 1. Along is held by slowing the flight where need be; across is what the
         passes of the path give, and is measured.
@@ -81,8 +69,7 @@ def photographed(
     frames = Frames(interpolate(path, np.linspace(path.t_s[0], path.t_s[-1], count)), camera, scene)
     useful = [at for at in range(count) if len(frames.hits(at))]
     if not useful:
-        nothing = np.zeros(len(path), bool)
-        return Photographed(path, nothing, float("nan"), np.empty(0), float("nan"), 0.0, path.t_s)
+        return Photographed(path, np.zeros(len(path), bool), np.nan, np.empty(0), np.nan, 0.0, path.t_s)
     times = frames.poses.t_s
     chosen = _along(frames, useful, path, interval_s)
     if not complete:
@@ -107,9 +94,7 @@ def photographed(
     timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN, most_mps2)
     taken = Frames(timed.take(flags), camera, scene)
     along = np.array([taken.overlap(at - 1, at) for at in range(1, len(photo_s))])
-    across = float("nan")
-    if overlap is not None:
-        across = float(np.nanmedian(taken.across()))
+    across = float("nan") if overlap is None else float(np.nanmedian(taken.across()))
     slower = float(timed.t_s[-1] - timed.t_s[0]) - float(times[-1] - times[0])
     return Photographed(timed, flags, shown, along, across, slower, planned_s)
 
@@ -128,9 +113,7 @@ def _along(frames: Frames, useful: list[int], path: Trajectory, interval_s: floa
     return chosen
 
 
-def _last(
-    frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: tuple[float, float]
-) -> float:
+def _last(frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: Span) -> float:
     """The last place between two times whose picture, like all before it, overlaps enough with the first."""
     times, before, last = frames.poses.t_s[useful], _at(frames, path, ends[0]), ends[0]
     for at in range(int(np.searchsorted(times, ends[0] + _SAME_S)), len(times)):
@@ -171,19 +154,15 @@ def _evenly(frames: Frames, path: Trajectory, steps: list[float], end: float, re
 
 
 def _at(frames: Frames, path: Trajectory, time_s: float) -> Frames:
-    """The picture at one moment."""
     return Frames(interpolate(path, np.array([time_s])), frames.camera, frames.scene)
 
 
 def _shared(before: Frames, frames: Frames, at: int) -> float:
-    """Share of what a place shows that the photo before shows too."""
     hits = frames.hits(at)
     return float(before.shows(0, hits).mean()) if len(hits) else 1.0
 
 
-def _exactly(
-    before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: tuple[float, float]
-) -> float:
+def _exactly(before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: Span) -> float:
     """The time between two at which the overlap with the photo before falls to the required one."""
     low, high = ends
     for _ in range(_HALVINGS):
@@ -196,17 +175,7 @@ def _exactly(
 def share_shown(path: Trajectory, photo: Bools, camera: Camera, scene: Scene, surface: Cloud) -> float:
     """Share, 0 to 1, of the samples that photos at some poses show as finely as the whole path; NaN for none.
 
-    A photo does where it shows a sample no coarser than 1.25 times the finest look of the path.
-
-    Parameters
-    ----------
-    path : Trajectory
-        N poses.
-    photo : array of bool, shape (N,)
-    camera : Camera
-    scene : Scene
-    surface : Cloud
-        M samples.
+    A photo (N,) does where it shows a sample no coarser than 1.25 times the finest look of the path.
     """
     frames = Frames(path, camera, scene)
     reach = np.array([_reach(frames, at, surface) for at in range(len(path))])
@@ -220,8 +189,7 @@ def _covering(
 ) -> tuple[list[float], float]:
     """The photos, and more where they leave out (K, M) what places (P,) show (P, M); the share they show."""
     known, chosen = shows.any(axis=0), list(photo_s)
-    whole = int(known.sum())
-    if not whole:
+    if not (whole := int(known.sum())):
         return chosen, float("nan")
     left = known & ~shown.any(axis=0)
     while left.sum() > (1 - enough) * whole:
@@ -255,8 +223,8 @@ def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:
         facing = (ray * surface.normals).sum(axis=1) / np.maximum(distance, 1e-9)
         distance = distance / np.maximum(facing, _EDGE_ON)
     usual = np.tan(np.radians(min(frames.camera.hfov_deg, 179.0)) / 2)
-    wider = frames.slopes[at, 0] / usual  # where it zooms: distances are of one camera
-    return np.where(frames.shows(at, surface.points), distance * wider, np.inf)
+    distance = distance * (frames.slopes[at, 0] / usual)  # where it zooms: distances are of one camera
+    return np.where(frames.shows(at, surface.points), distance, np.inf)
 
 
 def _with_photos(
@@ -265,8 +233,7 @@ def _with_photos(
     """The path with a pose at each photo, more slowly where photos were nearer in time; which, and when."""
     every = np.union1d(path.t_s, photo_s)
     apart = np.abs(every[:, None] - photo_s).min(axis=1)
-    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (apart > 1e-4))
-    every = every[keep]
+    every = every[np.isin(every, photo_s) | (apart > 1e-4)]
     posed = interpolate(path, every)
     allowed = float(accelerations(path.t_s, path.positions).max(initial=most_mps2))
     fastest = float((leg_lengths(path.positions) / np.diff(path.t_s)).max(initial=0.0))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -37,10 +38,8 @@ def libraries() -> str:
     """Names and versions of the libraries that results depend on, e.g. ``numba 0.61.2, numpy 2.2.6``."""
     versions = {}
     for name in _LIBRARIES:
-        try:
+        with suppress(metadata.PackageNotFoundError):
             versions[name.removesuffix("-cpu")] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
     return ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
 
 
@@ -71,25 +70,17 @@ def code_version() -> str:
 
 
 def method() -> dict[str, str]:
-    """What of the program belongs into the key of a result."""
     return {"sources": sources_sha256(), "libraries": libraries()}
 
 
 def recorded() -> dict[str, str]:
     """What is kept of the program beside a plan, by the columns of `transfers`."""
-    return {
-        "code_version": code_version(),
-        "sources_sha256": sources_sha256(),
-        "libraries": libraries(),
-        "machine": machine(),
-    }
+    known = {"code_version": code_version(), "sources_sha256": sources_sha256()}
+    return known | {"libraries": libraries(), "machine": machine()}
 
 
 def causes(row: Mapping[str, object], method_version: str) -> list[str]:
-    """Why this program may plan otherwise than the one that wrote a row of `transfers`, in words.
-
-    Empty where all that is known is the same.
-    """
+    """Why this program may plan otherwise than the one that wrote a row of `transfers`, in words."""
     now = recorded()
     reasons = []
     if row.get("method_version") != method_version:
@@ -97,45 +88,35 @@ def causes(row: Mapping[str, object], method_version: str) -> list[str]:
     if row.get("sources_sha256") != now["sources_sha256"]:
         was = row.get("code_version") or "unknown code"
         reasons.append(f"the planning sources changed ({was} then, {now['code_version']} now)")
-    reasons += _changed(str(row.get("libraries") or ""), now["libraries"])
+    if before := str(row.get("libraries") or ""):
+        texts = before, now["libraries"]
+        old, new = (dict(item.rsplit(" ", 1) for item in text.split(", ") if item) for text in texts)
+        for name in sorted(old.keys() | new.keys()):
+            if old.get(name) != new.get(name):
+                reasons.append(f"{name} {old.get(name, 'none')} became {new.get(name, 'none')}")
+    else:
+        reasons.append("the versions of its libraries were not recorded")
     if row.get("machine") and row["machine"] != now["machine"]:
         reasons.append(f"another machine ({row['machine']} then, {now['machine']} now)")
     return reasons
 
 
-def _changed(before: str, now: str) -> list[str]:
-    """Libraries whose versions differ, in words."""
-    if not before:
-        return ["the versions of its libraries were not recorded"]
-    old, new = (dict(item.rsplit(" ", 1) for item in text.split(", ") if item) for text in (before, now))
-    return [
-        f"{name} {old.get(name, 'none')} became {new.get(name, 'none')}"
-        for name in sorted(old.keys() | new.keys())
-        if old.get(name) != new.get(name)
-    ]
-
-
 def _commit(git: Path) -> str:
     """The commit that a checkout is at (hex); empty where there is none or it cannot be told."""
-    try:
+
+    def text(path: Path) -> str:
+        return path.read_text(encoding="utf-8").strip() if path.exists() else ""
+
+    with suppress(OSError, UnicodeDecodeError):
         if git.is_file():  # a work tree beside its repository
-            git = (git.parent / git.read_text(encoding="utf-8").removeprefix("gitdir:").strip()).resolve()
-        head = (git / "HEAD").read_text(encoding="utf-8").strip()
+            git = (git.parent / text(git).removeprefix("gitdir:").strip()).resolve()
+        head = text(git / "HEAD")
         if not head.startswith("ref:"):
             return head
         name = head.removeprefix("ref:").strip()
-        common = git / "commondir"
-        places = (
-            [git, (git / common.read_text(encoding="utf-8").strip()).resolve()] if common.exists() else [git]
-        )
-        for place in places:
-            if (place / name).exists():
-                return (place / name).read_text(encoding="utf-8").strip()
-            packed = place / "packed-refs"
-            if packed.exists():
-                for line in packed.read_text(encoding="utf-8").splitlines():
-                    if line.endswith(f" {name}"):
-                        return line.split(" ", 1)[0]
-    except (OSError, UnicodeDecodeError):
-        return ""
+        for place in (git, (git / text(git / "commondir")).resolve()):
+            packed = (line.split(" ", 1) for line in text(place / "packed-refs").splitlines())
+            known = [commit for commit, *names in packed if names == [name]]
+            if commit := text(place / name) or "".join(known[:1]):
+                return commit
     return ""

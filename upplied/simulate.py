@@ -61,40 +61,27 @@ class Wind:
 
 
 def fly_trajectory(
-    trajectory: Trajectory,
-    vehicle: Vehicle | None = None,
-    wind: Wind | None = None,
-    ground_z_m: float = 0.0,
+    trajectory: Trajectory, vehicle: Vehicle | None = None, wind: Wind | None = None, ground_z_m: float = 0.0,
     seed: int = 0,
-) -> Trajectory:
-    """What a vehicle really flies of a planned trajectory.
+) -> Trajectory:  # fmt: skip
+    """What a vehicle really flies of a planned trajectory: camera poses at 10 Hz, structure frame.
+
+    It begins hovering at the first waypoint and ends hovering at the last; a `RefusedError` if the vehicle
+    cannot hold its path in this wind.
 
     Parameters
     ----------
-    trajectory : Trajectory
-        Camera poses in the structure frame, as planned.
-    vehicle : Vehicle, optional
-    wind : Wind, optional
+    trajectory, vehicle, wind
+        Camera poses in the structure frame, as planned; who flies them, in what air.
     ground_z_m : float
         Height of the ground, m, structure frame: gusts grow longer with height.
     seed : int
         Of gusts and errors; the same seed gives the same flight.
-
-    Returns
-    -------
-    Trajectory
-        Camera poses at 10 Hz from hovering at the first waypoint to hovering at the last.
-
-    Raises
-    ------
-    RefusedError
-        If the vehicle cannot hold its path in this wind.
     """
     vehicle, wind = vehicle or Vehicle(), wind or Wind()
     if len(trajectory) == 0 or wind.speed_mps < 0:
-        raise SettingsError(
-            "flight", "nothing to fly, or a negative wind", "waypoints, and a wind of 0 or more"
-        )
+        rule = "waypoints, and a wind of 0 or more"
+        raise SettingsError("flight", "nothing to fly, or a negative wind", rule)
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, trajectory.t_s[-1] + _SETTLE_S, _STEP_S)
     planned = interpolate(trajectory, t)
@@ -106,16 +93,10 @@ def fly_trajectory(
 
 
 def measure_flown(
-    flown: Trajectory,
-    plan: Plan,
-    demonstration: Demonstration,
-    source: Structure,
-    target: Structure,
-    settings: Settings,
-    memo: Memo = no_memo,
-    siblings: Sequence[Structure] = (),
-) -> Plan:
-    """A flight measured by the same code as its plan.
+    flown: Trajectory, plan: Plan, demonstration: Demonstration, source: Structure, target: Structure,
+    settings: Settings, memo: Memo = no_memo, siblings: Sequence[Structure] = (),
+) -> Plan:  # fmt: skip
+    """A flight measured by the same code as its plan: the plan with what depends on the path as flown.
 
     Parameters
     ----------
@@ -125,12 +106,6 @@ def measure_flown(
         What was to be flown.
     demonstration, source, target, settings, memo, siblings
         As for `upplied.planning.plan.plan_transfer`.
-
-    Returns
-    -------
-    Plan
-        The plan with what was flown in the place of what was planned: trajectory, measures, surface,
-        what is supposed of the target, and warnings.
     """
     here, there = frames_for(source, target, settings)
     with one_thread():
@@ -138,15 +113,11 @@ def measure_flown(
         pair = study(structure_in(here, source), structure_in(there, target), settings, memo, reference)
         takes = takes_of(demonstration_in(here, demonstration), pair, settings, memo)
         measures, surface, warnings = judge(in_frame(there, flown), None, takes, settings)
+    seen, supposed = in_declared(there, surface), in_declared(there, pair.supposed)
     return replace(
-        plan,
-        trajectory=flown,
-        is_viewpoint=None,
-        measures=measures,
-        surface=in_declared(there, surface),
-        supposed=in_declared(there, pair.supposed),
+        plan, trajectory=flown, is_viewpoint=None, measures=measures, surface=seen, supposed=supposed,
         warnings=warnings,
-    )
+    )  # fmt: skip
 
 
 def wind_along(positions: Floats, wind: Wind, ground_z_m: float, rng: np.random.Generator) -> Floats:
@@ -160,9 +131,9 @@ def wind_along(positions: Floats, wind: Wind, ground_z_m: float, rng: np.random.
     speed = np.maximum(wind.speed_mps, 1.0)
     height_ft = np.clip((positions[:, 2] - ground_z_m) * _FEET_PER_M, 10.0, 1000.0)
     sigma, length_m = dryden(height_ft, wind.speed_mps)
-    for column, axis in enumerate((along, across, np.array([0.0, 0.0, 1.0]))):
-        share = np.exp(-_STEP_S * speed / length_m[:, column])
-        air += (sigma[:, column] * _first_order(share, rng))[:, None] * axis
+    axes = along, across, np.array([0.0, 0, 1])
+    for axis, strength, length in zip(axes, sigma.T, length_m.T, strict=True):
+        air += (strength * _first_order(np.exp(-_STEP_S * speed / length), rng))[:, None] * axis
     return air
 
 
@@ -170,9 +141,9 @@ def dryden(height_ft: Floats, wind_mps: float) -> tuple[Floats, Floats]:
     """Strength (N, 3), m/s, and length (N, 3), m, of gusts along, across and up, below 1000 feet."""
     base = 0.177 + 0.000823 * height_ft
     up = 0.1 * wind_mps * np.ones_like(height_ft)
-    level = up / base**0.4
-    length_ft = np.stack([height_ft / base**1.2, height_ft / base**1.2, height_ft], axis=1)
-    return np.stack([level, level, up], axis=1), length_ft / _FEET_PER_M
+    level, length_ft = up / base**0.4, height_ft / base**1.2
+    lengths_ft = np.column_stack([length_ft, length_ft, height_ft])
+    return np.column_stack([level, level, up]), lengths_ft / _FEET_PER_M
 
 
 def _first_order(share: Floats, rng: np.random.Generator) -> Floats:
@@ -213,22 +184,18 @@ def _followed(planned: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> 
         flown[step] = position
         if np.abs(goal - position).max() > vehicle.lost_m:
             where = f"at {goal.round(1).tolist()} after {step * _STEP_S:.0f} s"
-            raise RefusedError(
-                "flight",
-                f"is blown more than {vehicle.lost_m:g} m off its path {where}",
-                "a path that the vehicle can hold",
-                "fly slower, or in less wind",
-            )
+            finding = f"is blown more than {vehicle.lost_m:g} m off its path {where}"
+            rule = "a path that the vehicle can hold"
+            raise RefusedError("flight", finding, rule, "fly slower, or in less wind")
     return flown
 
 
 def _limited(acceleration: Floats, vehicle: Vehicle) -> Floats:
-    """The acceleration that tilt and motors allow."""
     most = _GRAVITY_MPS2 * np.tan(np.radians(vehicle.max_tilt_deg))
-    level = np.hypot(acceleration[0], acceleration[1])
+    (x, y, climb), steepest = acceleration, vehicle.max_climb_mps2
+    level = np.hypot(x, y)
     shrink = min(1.0, most / level) if level > 0 else 1.0
-    climb = min(max(acceleration[2], -vehicle.max_climb_mps2), vehicle.max_climb_mps2)
-    return np.array([acceleration[0] * shrink, acceleration[1] * shrink, climb])
+    return np.array([x * shrink, y * shrink, min(max(climb, -steepest), steepest)])
 
 
 def _gimballed(quat_xyzw: Floats, vehicle: Vehicle, rng: np.random.Generator) -> Floats:

@@ -33,12 +33,12 @@ MODULES = {
         "upplied.planning.correspondence.siblings",
         "upplied.planning.correspondence.registration",
         "upplied.planning.correspondence.correspondences",
-        "upplied.planning.visibility.frustum",
+        "upplied.planning.visibility.line_of_sight",
         "upplied.planning.demonstration.stations",
         "upplied.planning.carry.affine",
         "upplied.planning.airspace.detours",
         "upplied.planning.trajectory.retime",
-        "upplied.planning.measures.measure",
+        "upplied.planning.measures.evaluate",
         "upplied.planning.measures.attainable",
         "upplied.planning.geometry.frechet",
         "upplied.planning.correspondence.misfit",
@@ -142,7 +142,7 @@ def _by_preset(values: list[Any]) -> str:
 
 def _may_be(stage: type, name: str, wanted: Any) -> str:
     """The values that a setting takes, in words."""
-    from upplied.config.ranges import range_of
+    from upplied.config import range_of
 
     choices = get_args(wanted)
     if get_origin(wanted) is Literal:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from upplied.catalog.schema.codec import decode, encode
-from upplied.catalog.store.cache import Cache
+from upplied.catalog.store.contents import Cache
 from upplied.errors import CatalogError, InputError
 from upplied.records import Cloud, Correspondences, Record, Registration, Visibility
 

@@ -15,7 +15,7 @@ from pyarrow.fs import S3FileSystem
 
 from upplied.catalog import compact, export_tables, open_catalog, vacuum, verify
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.identity import Clock
+from upplied.catalog.store.opening import Clock
 from upplied.errors import CatalogError
 
 SECRET = "not-to-be-seen-anywhere"

@@ -15,9 +15,9 @@ from catalog_records import copied, demonstration, differences, key_of, plan, st
 from upplied.catalog import export_dataset, import_dataset, open_catalog, vacuum, verify
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.cache import Cache
+from upplied.catalog.store.contents import Cache
 from upplied.errors import CatalogError
-from upplied.outputs.flown import Flights
+from upplied.outputs.verdicts import Flights
 from upplied.records import Cloud, SurfaceStates, Trajectory
 
 DAY = 86_400

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
+from upplied.catalog.verbs.published import Before, Generation, check, clean, current, switch
 from upplied.errors import CatalogError
 
 

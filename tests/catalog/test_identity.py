@@ -14,7 +14,7 @@ from catalog_records import copied, demonstration, key_of, plan, structure
 from upplied.catalog import compact, diff, history, open_catalog, runs, vacuum, verify
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.identity import Identity
+from upplied.catalog.store.opening import Identity
 from upplied.cli import main
 from upplied.errors import CatalogError
 from upplied.fleet import decide, ingest_demonstrations

@@ -26,7 +26,7 @@ from upplied.catalog import (
 )
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import plan_rows
-from upplied.catalog.store import identity
+from upplied.catalog.store import opening
 
 MINUTE = 60.0
 SKEWS = (0.0, 10 * MINUTE, -10 * MINUTE, 400 * 86_400.0, -400 * 86_400.0)
@@ -42,7 +42,7 @@ def skewed(monkeypatch):
         def now(cls, tz=None):
             return datetime.fromtimestamp(real() + off[0], tz)
 
-    for module in (plan_rows, identity):
+    for module in (plan_rows, opening):
         monkeypatch.setattr(module, "datetime", Wrong)
     monkeypatch.setattr(time, "time", lambda: real() + off[0])
 

@@ -19,12 +19,10 @@ from deltalake.exceptions import DeltaError, SchemaMismatchError
 
 from upplied.catalog import open_catalog
 from upplied.catalog.schema.tables import in_schema
-from upplied.catalog.store import locking
+from upplied.catalog.store import files
 from upplied.catalog.store.chain import statistics
-from upplied.catalog.store.files import FileStore, explained, remedy_of
-from upplied.catalog.store.identity import Heads
-from upplied.catalog.store.locking import locked, turn
-from upplied.catalog.store.opening import opened
+from upplied.catalog.store.files import FileStore, explained, locked, remedy_of, turn
+from upplied.catalog.store.opening import Heads, opened
 from upplied.errors import CatalogError
 from upplied.files import replace_file, sync_path
 
@@ -145,14 +143,14 @@ def test_one_at_a_time_holds_a_folder(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_held_for_long_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(locking, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(files, "PATIENCE_S", 0.05)
     with (
         locked(tmp_path / "place"),
         pytest.raises(CatalogError, match="been publishing there"),
         locked(tmp_path / "place"),
     ):
         raise AssertionError
-    monkeypatch.setattr(locking, "PATIENCE_S", 60.0)
+    monkeypatch.setattr(files, "PATIENCE_S", 60.0)
     with locked(tmp_path / "place"):
         assert is_held(tmp_path / "place" / ".lock")
     (tmp_path / "file").write_text("")
@@ -203,7 +201,7 @@ def test_nobody_waits_for_ever_for_a_writer_that_was_stopped(
     with path.open("ab") as stopped:
         fcntl.flock(stopped, fcntl.LOCK_EX)
         with monkeypatch.context() as patched:
-            patched.setattr(locking, "_TURN_S", 0.05)
+            patched.setattr(files, "_TURN_S", 0.05)
             with turn(path):
                 assert is_held(path)  # by the other one, and the work goes on
     until(lambda: not is_held(path) and not is_held(path.with_suffix(".next")))

@@ -151,7 +151,7 @@ def test_doctor_says_what_is_missing_and_how_to_get_it(location, monkeypatch, ca
     def missing(name: str) -> str:
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr("upplied.cli.doctor.version", missing)
+    monkeypatch.setattr("upplied.cli.quickstart.version", missing)
     monkeypatch.setattr("platform.libc_ver", lambda: ("glibc", "2.31"))
     assert main(["doctor", "--json", "--catalog", location]) == 1
     checks = {row["check"]: row for row in json.loads(capsys.readouterr().out)}

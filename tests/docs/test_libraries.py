@@ -39,12 +39,12 @@ CORE, DEV = ("upplied",), ("upplied", "flows", "tests", "bench", "docs", "exampl
 # What only an extra brings may be imported in these files, and nowhere else in the package.
 EXTRA_FILES = {
     "formats": {"upplied/inputs/formats/clouds.py"},
-    "ardupilot": {"upplied/inputs/sources/ardupilot.py"},
+    "ardupilot": {"upplied/inputs/sources/autopilots.py"},
     "geoid": {"upplied/inputs/schemas/geodetic.py"},
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
-        "upplied/outputs/camera_pictures.py",
+        "upplied/outputs/logs.py",
         "upplied/outputs/mission_drawing.py",
         "upplied/outputs/pictures.py",
         "upplied/web/guard.py",

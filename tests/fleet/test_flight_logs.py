@@ -18,20 +18,19 @@ from upplied.catalog.database import Catalog
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import InputError, RefusedError, SettingsError
-from upplied.fleet import promoting
+from upplied.fleet import flights
 from upplied.fleet.flight_logs import Judged, judge_log, keep
-from upplied.fleet.flights import simulated_row
+from upplied.fleet.flights import promote_flight, simulated_row
 from upplied.fleet.gaps import plan_gap
-from upplied.fleet.promoting import promote_flight
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
 from upplied.inputs.columns import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.outputs import logs
-from upplied.outputs.flown import seen_as_flown
 from upplied.outputs.logs import write_log
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.publish import publish_pages
+from upplied.outputs.verdicts import seen_as_flown
 from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.looks import looks_of
@@ -200,7 +199,7 @@ def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
         ("required_pct", 97.0, "97.0 % of what it shows was in view"),
     ):
         lacking = {**row, column: share}
-        assert promoting._broken(lacking, 9.0, catalog.transfer(ID)) == [("whole", words)]
+        assert flights._broken(lacking, 9.0, catalog.transfer(ID)) == [("whole", words)]
     assert main(["flights", "promote", row["flight_id"][:12], "--by", "Grace", "--name", "good", *where]) == 0
     found = catalog.demonstration("good")
     assert (found.structure_id, found.operator, int(found.t_ns[0])) == ("cube-v1", "Ada", START_NS)

@@ -18,7 +18,7 @@ from upplied.inputs.flight.tracks import Track
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.passport import rules
 from upplied.inputs.passport.measured import Measured
-from upplied.inputs.passport.velocity import steadiness
+from upplied.inputs.passport.sight import steadiness
 from upplied.inputs.rules import PassportSettings
 from upplied.inputs.schemas import geodetic
 

@@ -16,7 +16,7 @@ from made_sources import WRITERS
 
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.inputs.sources import door, trajectories
+from upplied.inputs.sources import door, records
 
 _ENTITIES = (
     b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">'
@@ -147,6 +147,6 @@ def test_a_fault_of_our_own_is_not_called_a_damaged_file(
         raise fault("ours")
 
     reader: Callable[[Path, object], None] = broken
-    monkeypatch.setattr(trajectories, "read", reader)
+    monkeypatch.setattr(records, "read", reader)
     with pytest.raises(fault, match="ours"):
         door.read(tmp_path / "a.txt", {})

@@ -15,7 +15,7 @@ from upplied.errors import InputError, SettingsError
 from upplied.geometry.poses import angle_between
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
-from upplied.inputs.passport import conventions, fits, measured, rules
+from upplied.inputs.passport import fits, measured, rules
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.sight import aim_of, inside
 from upplied.inputs.rules import CONVENTIONS, PassportSettings, check_allowed, refusals
@@ -142,7 +142,7 @@ def test_rules_and_bounds_are_named_or_refused() -> None:
 
 
 def test_every_convention_of_a_side_car_is_known() -> None:
-    assert tuple(conventions.NAMED) == tuple(CONVENTIONS)
+    assert tuple(fits.NAMED) == tuple(CONVENTIONS)
 
 
 def test_inside_is_inside(tmp_path: Path) -> None:
@@ -347,7 +347,7 @@ def test_a_stand_off_that_comes_and_goes_names_the_convention_in_which_it_is_kep
     """Round a box that is nearly square, with x and y exchanged: all poses still look at it from outside."""
     log = right(21)
     unit = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
-    positions, quats = conventions.NAMED["swapped-xy-poses"].change(log.positions, unit)
+    positions, quats = fits.NAMED["swapped-xy-poses"].change(log.positions, unit)
     wrong = replace(log, positions=positions, quats=quats)
     with pytest.raises(InputError, match=r"stand-off: as .* \(swapped-xy-poses\)"):
         taken(wrong, tmp_path / "a.mcap")
@@ -362,7 +362,7 @@ def test_a_camera_that_rolls_names_the_convention_in_which_it_holds_the_horizon(
     """Over one side of an airliner, by inverse quaternions: all but few poses still look at it."""
     log = right(50)
     unit = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
-    wrong = replace(log, quats=conventions.NAMED["inverse-quaternion"].change(log.positions, unit)[1])
+    wrong = replace(log, quats=fits.NAMED["inverse-quaternion"].change(log.positions, unit)[1])
     with pytest.raises(InputError, match=r"horizon: as .* \(inverse-quaternion\)"):
         taken(wrong, tmp_path / "a.mcap")
     repaired = taken(wrong, tmp_path / "a.mcap", convention="inverse-quaternion")
@@ -375,7 +375,7 @@ def test_a_camera_that_rolls_names_the_convention_in_which_it_holds_the_horizon(
 def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_one(
     tmp_path: Path, monkeypatch, share: float, rule: str, name: str
 ) -> None:
-    better, steadier = (fits.Fit(conventions.NAMED[each], share) for each in ("ned", "y-up"))
+    better, steadier = (fits.Fit(fits.NAMED[each], share) for each in ("ned", "y-up"))
     monkeypatch.setattr(measured.Comparison, "best_fits", lambda *_: (0.6, [better]))
     monkeypatch.setattr(
         measured.Comparison,
@@ -414,7 +414,7 @@ def test_a_mount_is_found_whatever_its_body_is_called(tmp_path: Path, child: str
     plain = taken(log, tmp_path / "plain.mcap")
     offset = np.array([0.07, -0.02, 0.01])
     mount = Rotation.from_euler("ZYX", [88.0, 4.0, -91.0], degrees=True)  # the optical frame on the IMU
-    optical = Rotation.from_quat(log.quats) * conventions.OPTICAL_R_CAMERA.inv()
+    optical = Rotation.from_quat(log.quats) * fits.OPTICAL_R_CAMERA.inv()
     body = optical * mount.inv()
     start = int(log.log_ns[0])
     static = transform(start, "imu4", "cam0", offset, mount.as_quat())

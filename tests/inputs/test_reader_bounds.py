@@ -23,10 +23,9 @@ from upplied.inputs.flight.inspection import phases
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
-from upplied.inputs.passport import conventions, fits
+from upplied.inputs.passport import fits
 from upplied.inputs.passport.measured import _best, _off_centre
-from upplied.inputs.passport.sight import aim_of, inside, sight_of
-from upplied.inputs.passport.velocity import steadiness
+from upplied.inputs.passport.sight import aim_of, inside, sight_of, steadiness
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import topology_of
 from upplied.inputs.rules import PassportSettings
@@ -99,7 +98,7 @@ def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share
 
 
 def test_where_two_conventions_fit_alike_both_are_named() -> None:
-    one, other = (fits.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
+    one, other = (fits.Fit(fits.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
     told = _best([one, other])
     assert "(mirrored-y)" in told["other_words"] and "fit both alike" in told["other_advice"]
     alone = _best([one, replace(other, share=0.8)])
@@ -115,20 +114,18 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
                         np.column_stack([along, 0 * along + 8, 0 * along + 3])])  # fmt: skip
     quats = from_yaw_pitch(np.repeat([np.pi, -np.pi / 2], 40), np.zeros(80))
 
-    def steadier(
-        poses: conventions.Poses, reach: float = 1e3
-    ) -> tuple[np.ndarray, np.ndarray, list[fits.Fit]]:
+    def steadier(poses: fits.Poses, reach: float = 1e3) -> tuple[np.ndarray, np.ndarray, list[fits.Fit]]:
         track = Track(np.arange(80) + 1, *poses, np.arange(80) + 1)
         near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
         return fits.Comparison(track, near, scene_of(box), 0.0, 1e3).steadier(ratio)
 
     kept = pytest.approx([0, 0, 1 / 3, 0], abs=1e-4)  # the last in degrees, of single precision
     assert steadier((places, quats)) == (kept, kept, [])
-    varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
+    varies, least, found = steadier(fits.NAMED["swapped-xy-poses"].change(places, quats))
     assert varies == pytest.approx([np.log(2) / 2, 0, 1 / 2, 0], abs=1e-3)
     assert [fit.convention.name for fit in found] == ["swapped-xy-poses"] * named
     assert least == (kept if named else pytest.approx(varies, abs=1e-4))
-    poses = conventions.NAMED["swapped-xy-poses"].change(places, quats)
+    poses = fits.NAMED["swapped-xy-poses"].change(places, quats)
     assert not steadier(poses, 8.5)[2]  # by that convention half of the poses have no mount
 
 

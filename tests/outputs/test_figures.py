@@ -14,8 +14,7 @@ from upplied.files import replace_file
 from upplied.geometry.poses import look_at
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
-from upplied.outputs.draw.canvas import Solid, picture
-from upplied.outputs.draw.shade import corner_normals
+from upplied.outputs.draw.canvas import Solid, corner_normals, picture
 from upplied.outputs.draw.tubes import Tubes, frustum_corners, joined, path, thinned, tubes
 from upplied.outputs.draw.views import VIEWS, Frame, View, facing, fitted
 from upplied.records import Camera, Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory

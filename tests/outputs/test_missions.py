@@ -15,9 +15,8 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.outputs.missions import MissionOptions, missions_of
-from upplied.outputs.missions.flying import Flying, as_flown
+from upplied.outputs.missions.flying import Flying, as_flown, still_seen, thinned
 from upplied.outputs.missions.records import from_geodetic, heading_and_pitch, to_geodetic
-from upplied.outputs.missions.thinning import still_seen, thinned
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.records import Camera, Placement, Surroundings, Trajectory
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from upplied.inputs.formats.reader import read_raw
-from upplied.outputs.ply import ply_bytes
+from upplied.outputs.display import ply_bytes
 
 
 @pytest.mark.parametrize("normals", [False, True])

@@ -24,9 +24,8 @@ from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.outputs import publish as publishing
 from upplied.outputs import render
-from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS, MissionOptions
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, first_pairs
 from upplied.outputs.publish import publish, publish_file, publish_pages
 from upplied.records import Placement
 

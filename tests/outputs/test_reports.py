@@ -19,8 +19,7 @@ from upplied.outputs.display import display_mesh, display_states, packed, struct
 from upplied.outputs.pages import inert_json
 from upplied.outputs.pair_page import _parts, profile, speeds
 from upplied.outputs.pairs import battery_pct, change, meaning, pairs_of, shown_status
-from upplied.outputs.picture_quality import quality_data
-from upplied.outputs.reports import Reader
+from upplied.outputs.reports import Reader, quality_data
 from upplied.records import Camera, Counterpart, Plan, Structure, SurfaceStates, Trajectory
 
 

@@ -13,7 +13,7 @@ from cases import slow_after
 from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.catalog.store.cache import Cache
+from upplied.catalog.store.contents import Cache
 from upplied.cli import main
 from upplied.config import settings_for
 from upplied.errors import InputError

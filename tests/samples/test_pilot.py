@@ -14,10 +14,9 @@ from upplied.errors import RefusedError
 from upplied.geometry.poses import angle_between, matrices, optical_axis, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.records import Demonstration, Structure
-from upplied.samples.airframe import airframe, left_nacelle
+from upplied.samples.airframe import airframe, left_nacelle, offset_outline
 from upplied.samples.fleet import member, sample_demonstrations
 from upplied.samples.pilot import fly, pushed_clear
-from upplied.samples.plan_view import offset_outline
 
 DEMONSTRATIONS = {flight.demonstration_id: flight for flight in sample_demonstrations()}
 INSPECTIONS = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from upplied.public import public_names
+from upplied.extras import public_names
 
 # Read when pyarrow is loaded: its own allocator holds 40 MB more of a process that writes, and is no faster.
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")

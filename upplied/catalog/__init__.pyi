@@ -1,6 +1,6 @@
 from upplied.catalog.database import Catalog as Catalog
 from upplied.catalog.database import open_catalog as open_catalog
-from upplied.catalog.store.cache import Cache as Cache
+from upplied.catalog.store.contents import Cache as Cache
 from upplied.catalog.verbs.exporting import export_dataset as export_dataset
 from upplied.catalog.verbs.importing import import_dataset as import_dataset
 from upplied.catalog.verbs.maintenance import compact as compact

@@ -21,7 +21,6 @@ from upplied.catalog.schema.steps import POSE
 from upplied.catalog.store.contents import Samples, StoredLooks
 from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.decisions import Deciding
-from upplied.catalog.verbs.queries import PlannedTrajectory
 from upplied.errors import RefusedError, SettingsError
 from upplied.records import Bools, Floats, Ints, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
 
@@ -29,7 +28,7 @@ _FLIGHT = ["flight_id", "transfer_id", "kind", "flown_at", "operator"]
 _LOOK = ["distance_m", "incidence_deg", "speed_mps", "t_s"]
 _OF_PHOTO = ["patches", "gsd_mm", "blur_px", "overlap_pct"]
 #: Of a row of `transfers`, what tells whether it may leave.
-_JUDGED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
+_JUDGED = (*OWNER, "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
 
 def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
@@ -60,28 +59,19 @@ class Catalog(Deciding):
     is said); `as_of` asks how the catalog stood then.
     """
 
-    def trajectory(self, transfer_id: str, force: Collection[str] = ()) -> PlannedTrajectory:
+    def trajectory(self, transfer_id: str, force: Collection[str] = ()) -> queries.PlannedTrajectory:
         """One planned trajectory, to be flown; it can be asked for its pose at any time.
 
-        Plans that may not be flown are looked at through `plan` and `waypoints`.
+        Plans that may not be flown are looked at through `plan` and `waypoints`. One that is not known, has
+        no trajectory, or whose steps are not those that were planned, is a `CatalogError`.
 
         Parameters
         ----------
-        transfer_id : str
         force : collection of str
             Rules that are overruled: ``preset``, ``verdict``, ``foreign``, ``altered``, ``rejected``,
-            ``recalled``, ``superseded`` (docs/checks.md).
-
-        Raises
-        ------
-        CatalogError
-            If the transfer is not known, or has no trajectory because it was refused or failed, or its
-            steps are not those that were planned.
-        RefusedError
-            If it is for comparison, falls short of its floors, was rejected or
-            recalled, or another took its place.
+            ``recalled``, ``superseded`` (docs/checks.md); one that is broken besides is a `RefusedError`.
         """
-        row, broken = self.transfer(transfer_id, [*OWNER, *_JUDGED]), dict[str, str]()
+        row, broken = self.transfer(transfer_id, _JUDGED), dict[str, str]()
         path = self.path_of(row)  # compared with its hash: it is the one that its verdict is of
         if row["preset"] != "recommended":
             broken["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
@@ -90,8 +80,8 @@ class Catalog(Deciding):
         if plan_rows.is_foreign(row):
             broken["foreign"] = custody.FOREIGN_PLAN[0]
         now = self.standing()
-        state = now.of(row["transfer_id"])
-        for fault in custody.alterations(self, [row["transfer_id"]], now).values():
+        state = now.of(transfer_id)
+        for fault in custody.alterations(self, [transfer_id], now).values():
             broken["altered"] = fault
         if state in ("rejected", "recalled", "superseded"):
             broken[state] = f"the plan is {state}"
@@ -102,8 +92,7 @@ class Catalog(Deciding):
             names = ", ".join(f'"{rule}"' for rule in left)
             remedy = f"to look at it: plan() or waypoints(); to fly it all the same: force=[{names}]"
             words = "; ".join(f"{rule}: {reason}" for rule, reason in left.items())
-            what, rule = f"transfer {row['transfer_id']}", "only what may be flown leaves"
-            raise RefusedError(what, words, rule, remedy)
+            raise RefusedError(f"transfer {transfer_id}", words, "only what may be flown leaves", remedy)
         return path
 
     def plan(self, transfer_id: str) -> Plan:
@@ -114,8 +103,7 @@ class Catalog(Deciding):
 
     def surface(self, transfer_id: str) -> SurfaceStates | None:
         """What one plan sees of its target; None where it was not kept."""
-        sha256 = self._sha256(transfer_id, "surface_sha256")
-        if sha256:
+        if sha256 := self._sha256(transfer_id, "surface_sha256"):
             return self.surfaces.get(sha256)
         return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
 
@@ -141,16 +129,12 @@ class Catalog(Deciding):
         if not (sha256 := self._sha256(transfer_id, "photos_sha256")):
             return pd.DataFrame(columns=["t_s", *POSE, *_OF_PHOTO])
         photos = self.contents["photos"].get(sha256)
-        poses = dict(zip(POSE, (*photos.positions.T, *photos.quat_xyzw.T), strict=True))
-        return pd.DataFrame(
-            {"t_s": photos.t_s, **poses, **{name: getattr(photos, name) for name in _OF_PHOTO}}
-        )
+        table = pd.DataFrame(np.column_stack([photos.positions, photos.quat_xyzw]), columns=POSE)
+        table.insert(0, "t_s", photos.t_s)
+        return table.assign(**{name: getattr(photos, name) for name in _OF_PHOTO})
 
     def supposed(self, transfer_id: str) -> SupposedSurface | None:
-        """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
-
-        As the plan was made, or of the target as it is since, where the plan was judged again on that.
-        """
+        """What nobody scanned of a plan's target, where it was supposed when last judged; None: none."""
         where = (pc.field("transfer_id") == transfer_id) & (pc.field("state") == "rechecked")
         again = ordering.by_commit(self.tables["decisions"].read(where))
         sha256 = again[-1]["supposed_sha256"] if again else self._sha256(transfer_id, "supposed_sha256")
@@ -180,9 +164,12 @@ class Catalog(Deciding):
                 nearest[looks.samples_sha256] = int(gap.argmin()), float(gap.min())
             patch, off = nearest[looks.samples_sha256]
             at = int(np.searchsorted(looks.patch, patch))
-            seen = at < len(looks.patch) and looks.patch[at] == patch
-            values = {name: row[name] for name in _FLIGHT}
-            values |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
+            seen = bool(at < len(looks.patch) and looks.patch[at] == patch)
+            values = {name: row[name] for name in _FLIGHT} | {
+                "seen": seen,
+                "patch": patch,
+                "patch_off_m": off,
+            }
             values |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
             flights.append(values)
         table = pd.DataFrame(flights, columns=[*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"])
@@ -220,5 +207,4 @@ class Catalog(Deciding):
 
     def add_edit(self, row: Mapping[str, Any]) -> int:
         """Keep a change of a plan: a row of `edits` without its commit; one that is known adds nothing."""
-        known = set(self.edits()["edit_id"])
-        return 0 if row["edit_id"] in known else self.add_rows("edits", [dict(row)])
+        return 0 if row["edit_id"] in set(self.edits()["edit_id"]) else self.add_rows("edits", [dict(row)])

@@ -12,12 +12,11 @@ import pyarrow.compute as pc
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import STEPS, TABLES
-from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.chain import decoded
-from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
+from upplied.catalog.store.contents import CONTENTS, Cache, ContentStore, SurfaceStore
 from upplied.catalog.store.delta import StepTable, StoredTable
 from upplied.catalog.store.files import FileStore, cache_folder, checked
-from upplied.catalog.store.identity import Clock, Identity
+from upplied.catalog.store.opening import Clock, Identity
 from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.ordering import DERIVED, Standing, standing_of, with_states
 from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, frame, moment, until
@@ -40,9 +39,7 @@ class Reading:
             name: (StepTable if name in STEPS else StoredTable)(self.location, table, self.identity)
             for name, table in TABLES.items()
         }
-        self.contents: dict[str, ContentStore[Any]] = {
-            name: ContentStore(self.location, name) for name in CONTENTS
-        }
+        self.contents = {name: ContentStore[Any](self.location, name) for name in CONTENTS}
         self.surfaces = SurfaceStore(self.contents["surfaces"], self.contents["samples"])
         self.looks = self.contents["looks"]
         self.shards = FileStore(f"{self.location}/shards")  # jobs of runs at work
@@ -77,8 +74,8 @@ class Reading:
         as_of: When | None = None,
     ) -> pd.DataFrame:
         """Demonstrations, the current version of each; with `every`, older and retired ones as well."""
-        wanted = {"structure_id": structure, "site": site}
-        return queries.versions(self.tables["demonstrations"], wanted, every, as_of)
+        equal = {"structure_id": structure, "site": site}
+        return queries.versions(self.tables["demonstrations"], equal, every, as_of)
 
     def transfers(
         self,
@@ -102,42 +99,32 @@ class Reading:
 
         Parameters
         ----------
-        kind, site, structure : str, optional
-            Of the target.
-        demonstration, preset : str, optional
+        kind, site, structure, demonstration, preset : str, optional
+            The first three of the target.
         status : {"ok", "refused", "failed"}, optional
             Of the newest plan: a pair whose newest plan is refused has none that is ok.
-        since : datetime or str, optional
-            Planned at this moment or later.
-        as_of : datetime or str, optional
-            As the catalog stood at that moment.
+        since, as_of : datetime or str, optional
+            Planned at this moment or later; as the catalog stood at that moment.
         version : int, optional
             As of a version of the table, as `history` lists them; `vacuum` says how far back.
-        every : bool
-            Older plans of each pair as well.
-        columns : sequence of str, optional
-            Only these are read.
+        every, in_force : bool
+            Older plans of each pair as well; or those that a person released and that are in force.
+        columns, ids : sequence of str, optional
+            Only these are read; only these plans are considered.
         purpose : str
             Of the newest: those of an experiment (``experiment NAME``) or of a gap (``gap FLIGHT``), which
             are never among the others.
-        ids : sequence of str, optional
-            Only these plans are considered.
-        in_force : bool
-            The plans that a person released and that are in force, instead of the newest.
         """
-        # Which rows those are is told from a few columns; of all that a table has, the others are read of
-        # these rows alone.
+        # Which rows those are is told from a few columns; the others are read of these rows alone.
         declared, tables = TABLES["transfers"], self.tables
         wanted = declared.names if columns is None else list(columns)
-        for name in wanted:
-            if name not in declared.names:
-                raise SettingsError(
-                    f"column {name!r}", "does not exist", f"one of {', '.join(declared.names)}"
-                )
+        if unknown := [name for name in wanted if name not in declared.names]:
+            known = f"one of {', '.join(declared.names)}"
+            raise SettingsError(f"column {unknown[0]!r}", "does not exist", known)
         if version is not None:  # its moment; none where it has no rows
             as_of = pc.max(tables["transfers"].read(None, ["added_at"], version)[0]).as_py()
         derived = in_force or not {*DERIVED}.isdisjoint(wanted)
-        until_then = until("added_at", as_of)
+        until_then = until(as_of)
         now = standing_of(ordering.by_commit(tables["decisions"].read(until_then))) if derived else Standing()
         if in_force:
             among = now.state.keys() if ids is None else {*ids}
@@ -160,18 +147,15 @@ class Reading:
         if not every:
             if purpose or not in_force:
                 plans = plans[plans["purpose"] == purpose]
-            used = {"structures": "target_id"}
-            if not in_force:  # a released plan outlives its demonstration
-                used["demonstrations"] = "demonstration_id"
-            for name, column in used.items():
+            used = [("structures", "target_id"), ("demonstrations", "demonstration_id")]
+            for name, column in used[:1] if in_force else used:  # a released plan outlives its demonstration
                 gone = ordering.retired(tables[name], until_then)
                 plans = plans[~plans[column].isin(gone)] if gone else plans
         if status is not None:
             plans = plans[plans["status"] == status]
         if since is not None:
             plans = plans[plans["planned_at"] >= moment(since)]
-        rest = [name for name in wanted if name not in plans]
-        if rest:
+        if rest := [name for name in wanted if name not in plans]:
             more = queries.completed(tables["transfers"], plans, rest, len(table), version)
             plans = pd.concat([plans.reset_index(drop=True), frame(decoded(more))], axis=1)
         plans = plans[list(wanted)].reset_index(drop=True)
@@ -213,14 +197,7 @@ class Reading:
     def flights(
         self, transfer_id: str | None = None, *, structure: str | None = None, kind: str | None = None
     ) -> pd.DataFrame:
-        """Flights of plans, flown and simulated, in the order they were added.
-
-        Parameters
-        ----------
-        transfer_id, structure : str, optional
-            Those of one plan, or round one structure.
-        kind : {"flown", "simulated"}, optional
-        """
+        """Flights of a plan, or round a structure, as added; of `kind` ``flown``, ``simulated``, or both."""
         flights = self.by_commit("flights", ["transfer_id"], transfer_id=transfer_id, target_id=structure)
         flights["kind"] = flights["kind"].where(flights["kind"] != "", "simulated")
         return flights if kind is None else flights[flights["kind"] == kind].reset_index(drop=True)
@@ -252,11 +229,10 @@ class Reading:
         check_id(start, "transfer id")
         if len(self.tables["transfers"].read(pc.field("transfer_id") == start, ["transfer_id"])):
             return start  # without a look at all ids
-        matches = [name for name in self._ids("transfers") if name.startswith(start)]
+        if not (matches := [name for name in self._ids("transfers") if name.startswith(start)]):
+            raise self._unknown(start)
         if len(matches) > 1:
             raise CatalogError(f"transfer {start}", f"may be {len(matches)}: {', '.join(matches[:5])}")
-        if not matches:
-            raise self._unknown(start)
         return matches[0]
 
     def _unknown(self, transfer_id: str) -> CatalogError:

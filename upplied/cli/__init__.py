@@ -19,15 +19,10 @@ from upplied.cli import (
     catalog,
     declared,
     demonstrations,
-    doctor,
     export,
     findings,
     flights,
-    keys,
-    pages,
     quickstart,
-    recommend,
-    render,
     review,
     serve,
     structures,
@@ -59,17 +54,17 @@ app.register_install_completion_command(help="Install completion of commands and
 _GROUPS = {  # of the help, in the order in which a newcomer needs them
     "Data": (quickstart.samples, structures.app, demonstrations.app, catalog.app),
     "Plan": (
-        *(transfer.transfer, transfer.plan, recommend.recommend),
+        *(transfer.transfer, transfer.plan, demonstrations.recommend),
         *(declared.set_, declared.settings, declared.require, declared.zones),
     ),
     "Review": (
-        *(pages.studio, pages.report, render.app),
+        *(serve.studio, serve.report, export.render),
         *(review.review, review.release, review.reject, review.edit),
     ),
     "Fly": (export.fly, export.export, export.brief, flights.app),
     "Findings": (findings.app, flights.looks, findings.reshoot),
-    "Fleet": (review.in_force, serve.fleet, keys.app),
-    "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, doctor.doctor),
+    "Fleet": (review.in_force, serve.fleet, review.keys),
+    "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, quickstart.doctor),
 }
 for _at, (_title, _commands) in enumerate(_GROUPS.items()):
     _group = Group(_title, sort_key=_at)
@@ -88,7 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         tokens = list(sys.argv[1:] if arguments is None else arguments)
         console.quiet = "--quiet" in tokens
-        tokens = _catalog_last([token for token in tokens if token != "--quiet"])
+        tokens = [token for token in tokens if token != "--quiet"]
+        if tokens[:1] == ["--catalog"] and len(tokens) > 2:  # it is an option of the commands
+            tokens = [*tokens[2:], *tokens[:2]]
         return app(tokens, exit_on_error=False, print_error=False) or 0
     except CycloptsError as error:
         return _failed(2, "[red]error:[/]", f"{error} Try --help.")
@@ -101,14 +98,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its exit
         return 0
-    except OSError as error:  # of the machine: rights, space, a name that is too long
-        if os.environ.get("UPPLIED_DEBUG"):
-            raise
-        where = error.filename or type(error).__name__
-        return _failed(2, "[red]error:[/]", f"{where}: {error.strerror or error}")
     except Exception as error:
         if os.environ.get("UPPLIED_DEBUG"):
             raise
+        if isinstance(error, OSError):  # of the machine: rights, space, a name that is too long
+            where = error.filename or type(error).__name__
+            return _failed(2, "[red]error:[/]", f"{where}: {error.strerror or error}")
         advice = "This is a fault of the program; UPPLIED_DEBUG=1 shows where."
         return _failed(3, "[red]fault:[/]", f"{type(error).__name__}: {error}\n{advice}")
     finally:
@@ -116,13 +111,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _failed(code: int, word: str, text: object) -> int:
-    """Print a message after a word in colour, and return the exit code."""
     errors.print(f"{word} {escape(str(text))}", soft_wrap=True)
     return code
-
-
-def _catalog_last(tokens: list[str]) -> list[str]:
-    """Allow ``upplied --catalog PATH command``: the option belongs to the commands."""
-    if tokens[:1] == ["--catalog"] and len(tokens) > 2:
-        return [*tokens[2:], *tokens[:2]]
-    return tokens

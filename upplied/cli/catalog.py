@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -27,8 +27,8 @@ def info(*, results: Results = PRINTED) -> int:
     store = results.opened()
     tables = {name: getattr(store, name)() for name in ("structures", "demonstrations", "transfers")}
     counts = {name: len(table) for name, table in tables.items()}
-    for status, plans in tables["transfers"]["status"].value_counts().sort_index().items():
-        counts[f"transfers {status}"] = int(plans)
+    plans = tables["transfers"]["status"].value_counts().sort_index()
+    counts |= {f"transfers {status}": int(number) for status, number in plans.items()}
     rows = [{"what": what, "count": number} for what, number in counts.items()]
     results.show(f"catalog {store.location}", rows)
     return 0
@@ -46,14 +46,12 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
     store = results.opened()
     rows = []
     for table, frame in (("structure", store.structures()), ("demonstration", store.demonstrations())):
-        for row in rows_of(frame[frame[f"{table}_id"] == id]):
-            rows.append({"what": table, **row})
+        rows += [{"what": table, **row} for row in rows_of(frame[frame[f"{table}_id"] == id])]
     try:
         name = store.find_transfer(id)
-        plans = store.transfers(every=True)
         current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
-        for row in rows_of(plans[plans["transfer_id"] == name]):
-            rows.append({"what": "plan", "current": current, **row})
+        same = store.transfers(every=True, ids=[name])
+        rows += [{"what": "plan", "current": current, **row} for row in rows_of(same)]
         rows += [{"what": "overruled for", **row} for row in rows_of(store.overruled(name))]
     except CatalogError:
         if not rows:
@@ -62,14 +60,11 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
         results.show("", rows)
         return 0
     for row in rows:
-        texts = {name: _short(value) for name, value in row.items() if value is not None}
+        known = {name: value for name, value in row.items() if value is not None}
+        texts = {name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in known.items()}
+        texts = {name: text if len(text) <= 100 else f"{text[:97]}..." for name, text in texts.items()}
         results.show_facts(f"{row['what']} {id}", texts)
     return 0
-
-
-def _short(value: Any) -> str:
-    text = f"{value:.6g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= 100 else f"{text[:97]}..."
 
 
 @app.command
@@ -146,9 +141,8 @@ def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
         say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
     for finding in faults:
         say(finding)
-    remedy = "take the damaged files from a backup"
-    count = f"{len(faults)} finding{'s' * (len(faults) > 1)}"
-    say(f"{count}: {remedy}" if faults else "no findings")
+    count = f"{len(faults)} finding{'s' * (len(faults) > 1)}: take the damaged files from a backup"
+    say(count if faults else "no findings")
     return int(bool(faults))
 
 
@@ -158,12 +152,12 @@ def _when(text: str) -> str | int:
 
 
 NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
-FormatOption = Annotated[
-    Literal["parquet", "lerobot", "tum"],
-    Parameter(help="Format: parquet for any program, lerobot for learning, tum for evo."),
-]
+_FORMATS = "Format: parquet for any program, lerobot for learning, tum for evo."
+FormatOption = Annotated[Literal["parquet", "lerobot", "tum"], Parameter(help=_FORMATS)]
 NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
 PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]
+Replace = Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")]
+Verify = Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")]
 DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
 
 
@@ -232,26 +226,15 @@ def export(
             names = [each for each in flown["demonstration_id"] if demonstration in (None, each)]
             counts = export_lerobot(store, folder, chosen, 10, names, licence, attribution)
         else:
-            name = name or versioned(folder.resolve().name)
+            usual = folder.resolve().name
+            name = name or (usual if re.search(r"-v\d+$", usual) else f"{usual}-v1")
             counts = export_dataset(store, folder, name, chosen, licence, attribution)
     _counted(str(folder), counts)
     return 0
 
 
-def versioned(name: str) -> str:
-    """A name with a version: its own, or the first."""
-    return name if re.search(r"-v\d+$", name) else f"{name}-v1"
-
-
 @app.command(name="import")
-def import_(
-    folder: Path,
-    /,
-    *,
-    replace: Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")] = False,
-    verify: Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")] = False,
-    where: Where = HERE,
-) -> int:
+def import_(folder: Path, /, *, replace: Replace = False, verify: Verify = False, where: Where = HERE) -> int:
     """Import an exported folder after checking it.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from upplied.cli.options import ByOption, KindOption, NoteOption, OwnerArgument, StructureArgument
+from upplied.cli.options import By, Note, OfKind, Owner, StructureId, Words
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, plain, say
 from upplied.errors import InputError, SettingsError
 from upplied.files import replace_file
@@ -17,17 +17,11 @@ from upplied.outputs.labels import LABELS
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
-EveryOption = Annotated[bool, Parameter("--all", help="Include the parameters of the preset.")]
+Every = Annotated[bool, Parameter("--all", help="Include the parameters of the preset.")]
 
 
 def set_(
-    owner: OwnerArgument,
-    /,
-    *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    kind: KindOption = False,
-    by: ByOption,
-    note: NoteOption = "",
-    where: Where = HERE,
+    owner: Owner, /, *values: Words, kind: OfKind = False, by: By, note: Note = "", where: Where = HERE
 ) -> int:
     """Set planning parameters for a structure or for a whole kind.
 
@@ -47,11 +41,10 @@ def set_(
     for text in values:
         if text.endswith("="):
             pairs[text[:-1]] = None
-            continue
-        if text.startswith("preset="):
+        elif text.startswith("preset="):
             pairs["preset"] = text.removeprefix("preset=")
-            continue
-        for stage, names in changes((text,)).items():
+        else:
+            ((stage, names),) = changes((text,)).items()
             pairs |= {f"{stage}.{name}": value for name, value in names.items()}
     where.opened().set("kind" if kind else "structure", owner, pairs, by, note)
     say(f"{owner}: {len(pairs)} set")
@@ -59,9 +52,7 @@ def set_(
     return 0
 
 
-def settings(
-    structure: StructureArgument, /, *, every: EveryOption = False, results: Results = PRINTED
-) -> int:
+def settings(structure: StructureId, /, *, every: Every = False, results: Results = PRINTED) -> int:
     """Show the planning parameters of a structure and their origin: those set for it or for its kind."""
     rows = results.opened().settings_of(structure)
     if not (every or results.json):
@@ -71,14 +62,7 @@ def settings(
 
 
 def require(
-    owner: OwnerArgument,
-    file: Path,
-    /,
-    *,
-    kind: KindOption = False,
-    by: ByOption,
-    note: NoteOption = "",
-    where: Where = HERE,
+    owner: Owner, file: Path, /, *, kind: OfKind = False, by: By, note: Note = "", where: Where = HERE
 ) -> int:
     """Require zones of a structure or of a kind, with the quality of their pictures.
 
@@ -99,11 +83,8 @@ def require(
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(str(file), f"is not TOML: {str(error)[:200]}", rule) from None
     zones = document.get("zone", [])
-    if (
-        set(document) - {"name", "zone", "labels"}
-        or not isinstance(zones, list)
-        or not all(isinstance(z, dict) for z in zones)
-    ):
+    tables = isinstance(zones, list) and all(isinstance(zone, dict) for zone in zones)
+    if set(document) - {"name", "zone", "labels"} or not tables:
         raise InputError(str(file), "has other keys", rule)
     name, store = str(document.get("name", file.stem)), where.opened()
     zones = _with_labels(store, zones, document.get("labels"), file, "" if kind else owner)
@@ -116,7 +97,6 @@ def require(
 def _with_labels(
     store: Catalog, zones: list[dict[str, Any]], labels: object, file: Path, owner: str
 ) -> list[dict[str, Any]]:
-    """The zones with the place of those that name a label of faces."""
     from upplied.inputs.columns import read_face_labels
 
     label_files: dict[str, str] = {}
@@ -143,7 +123,7 @@ def _with_labels(
     return labelled
 
 
-def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results: Results = PRINTED) -> int:
+def zones(structure: StructureId, /, *, mesh: Path | None = None, results: Results = PRINTED) -> int:
     """Show which required zones of a structure are covered, by plans and by flights.
 
     Exit code 1 if the plans do not cover one.
@@ -154,23 +134,18 @@ def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results:
         Save the structure's mesh as PLY, for labelling faces.
     """
     if mesh is not None:
-        return _mesh(results.opened(), structure, mesh)
+        from upplied.outputs.display import ply_bytes
+
+        record = results.opened().structure(structure)
+        replace_file(mesh, ply_bytes(record.vertices, record.triangles, record.normals))
+        say(f"{mesh}: {len(record.triangles)} faces")
+        return 0
     from upplied.outputs.zones import zones as judged
 
     with errors.status("judging"):
         rows = judged(results.opened(), structure)
     titles = {name: name for name in LABELS["zones"]} if results.json else LABELS["zones"]
     shown = [{title: plain(row)[name] for name, title in titles.items()} for row in rows]
-    results.show(
-        f"zones of {structure}", shown, ("required by", "version", "set", "probability", "defined on")
-    )
+    spare = ("required by", "version", "set", "probability", "defined on")
+    results.show(f"zones of {structure}", shown, spare)
     return int(any(row["planned"] != "met" for row in rows))
-
-
-def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
-    from upplied.outputs.ply import ply_bytes
-
-    structure = store.structure(structure_id)
-    replace_file(path, ply_bytes(structure.vertices, structure.triangles, structure.normals))
-    say(f"{path}: {len(structure.triangles)} faces")
-    return 0

@@ -1,19 +1,24 @@
-"""`upplied demonstrations`: the flights of experts."""
+"""`upplied demonstrations` and `recommend`: the flights of experts, and which fits a structure."""
 
 from __future__ import annotations
 
 import json as text
 import sys
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
 from upplied import fleet
-from upplied.cli.options import USUAL_RULES, DemonstrationArgument, RuleFlags, WorkersOption
-from upplied.cli.terminal import HERE, PRINTED, Results, Where, ingested_report, progress, rows_of, say
-from upplied.errors import SettingsError
+from upplied.cli import options, terminal
+from upplied.cli.options import Cores, DemonstrationId, Rules, StructureId
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, progress, rows_of, say
+from upplied.errors import InputError, SettingsError
 from upplied.outputs.labels import LABELS
+
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
 
 app = App(name="demonstrations", help="The demonstrations of the catalog.")
 
@@ -24,13 +29,14 @@ RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the lo
 StartOption = Annotated[float | None, Parameter(help="Inspection start, in seconds from the first pose.")]
 StopOption = Annotated[float | None, Parameter(help="Inspection end, in seconds from the first pose.")]
 KindOption = Annotated[str, Parameter(help="Kind of a project's structure, for instance building or tower.")]
+MostOption = Annotated[int, Parameter(help="Number of demonstrations to show.")]
 PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.")]
 
 
 @app.command
 def add(
     *logs: Path,
-    flags: RuleFlags = USUAL_RULES,
+    flags: Rules = options.USUAL,
     publisher: PublisherOption = "",
     structure: StructureOption = "",
     register: RegisterOption = (),
@@ -39,7 +45,7 @@ def add(
     kind: KindOption = "",
     unit_m: Annotated[float | None, Parameter(help="Metres per unit of a model without scale.")] = None,
     dry_run: Annotated[bool, Parameter(help="Check only, store nothing.")] = False,
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     where: Where = HERE,
 ) -> int:
     """Import demonstrated flights; each is checked against its structure (docs/checks.md).
@@ -66,7 +72,7 @@ def add(
         )
     known = {Path(item.file).resolve() for item in ingested}
     others = [item for item in passed_over(logs) if Path(item.file).resolve() not in known]
-    code = ingested_report([*ingested, *others])
+    code = terminal.ingested_report([*ingested, *others])
     stored = [item.name for item in ingested if item.status in ("added", "unchanged")]
     names = [name for name in stored if name in set(where.opened().demonstrations()["demonstration_id"])]
     if not code and names:
@@ -75,7 +81,6 @@ def add(
 
 
 def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
-    """Landmarks in the log's frame, from NAME=X,Y,Z."""
     points = []
     for word in register:
         name, _, place = word.partition("=")
@@ -99,7 +104,7 @@ def list_(*, results: Results = PRINTED) -> int:
 
 
 @app.command(name="show")
-def show_(demonstration: DemonstrationArgument, /, *, results: Results = PRINTED) -> int:
+def show_(demonstration: DemonstrationId, /, *, results: Results = PRINTED) -> int:
     """Show the import checks of a demonstration: measurements, and the rules it breaks."""
     from upplied.inputs.passport.rules import findings_of
     from upplied.outputs.page_data import rows_of
@@ -129,3 +134,40 @@ def retire(*demonstrations: str, where: Where = HERE) -> int:
     count = where.opened().retire_demonstrations(demonstrations)
     say(f"{count} retired, {len(demonstrations) - count} already retired")
     return 0
+
+
+def recommend(structure: StructureId, /, *, most: MostOption = 10, results: Results = PRINTED) -> int:
+    """Rank demonstrations by how well they would transfer to a structure; nothing is planned."""
+    from upplied.recommend.ranking import recommend as rank
+
+    with errors.status("comparing shapes"):
+        ranks = [asdict(one) for one in rank(results.opened(), structure, most)]
+    if results.json:
+        results.show("", [terminal.plain(row) for row in ranks])
+    else:
+        rows = [{title: row[name] for name, title in LABELS["recommended"].items()} for row in ranks]
+        results.show(f"demonstrations for {structure}", rows, ("inspected %", "unmatched %"))
+        for row in ranks:
+            say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")
+    if any(row["verdict"] == "fits" for row in ranks):
+        results.next_step(f"transfer --best {structure}", "transfer the best one")
+    return int(ranks[0]["verdict"] not in ("own", "fits"))
+
+
+def best(store: Catalog, structure: str) -> str:
+    """The demonstration that fits a structure best, other than its own; one of another kind is refused."""
+    from upplied.recommend.ranking import recommend as rank
+
+    others = [one for one in rank(store, structure, 100) if one.verdict != "own"]
+    fitting = next((one for one in others if one.verdict == "fits"), None)
+    if fitting is None:
+        closest = f"; the closest is {others[0].demonstration_id}: {others[0].why}" if others else ""
+        raise InputError(f"structure {structure}", f"no demonstration clearly fits{closest}")
+    kind = store.newest("structures", structure)["kind"]
+    if kind != fitting.kind:
+        fault = f"is declared a {kind}, but {fitting.demonstration_id}, which fits best, was flown on a "
+        rule = "demonstrations are transferred within a kind"
+        remedy = "if both are of one kind, correct the manifest"
+        raise InputError(f"structure {structure}", fault + fitting.kind, rule, remedy)
+    terminal.complain(f"{fitting.demonstration_id}: {fitting.why}")
+    return fitting.demonstration_id

@@ -1,33 +1,34 @@
-"""`upplied export`, `brief` and `fly`: a plan as a mission file, as a page for the pilot, and in wind."""
+"""`upplied export`, `brief`, `fly` and `render`: a plan as a mission, for the pilot and in wind; pictures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
-from upplied.cli.options import PlanArgument
+from upplied.cli.options import DemonstrationId, PlanId, StructureId
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, errors, hint, say
+from upplied.files import replace_file
 from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 
-Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
-FormatOption = Annotated[Format, Parameter(help="Format of the mission.")]
-OutputOption = Annotated[Path, Parameter(("--output", "-o"))]
+Format = Annotated[
+    Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"],
+    Parameter(help="Format of the mission."),
+]
+_OUTPUT = ("--output", "-o")
+File = Annotated[Path, Parameter(_OUTPUT, help="File to write; several flights are numbered.")]
+Html = Annotated[Path, Parameter(_OUTPUT, help="HTML file to write.")]
 TowardsOption = Annotated[float, Parameter(help="Wind direction in degrees, counter-clockwise from +X.")]
-MissionFlags = Annotated[MissionOptions | None, Parameter("*")]
+render = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
+PictureOption = Annotated[Path, Parameter(_OUTPUT, help="PNG file to write.")]
+_VIEW = "View: three-quarter, other side, perspective, side, front, top or below."
+ViewOption = Annotated[str | None, Parameter(help=_VIEW)]
+Flags = Annotated[MissionOptions | None, Parameter("*")]
 
 
-def export(
-    transfer: PlanArgument,
-    /,
-    *,
-    to: FormatOption,
-    output: Annotated[OutputOption, Parameter(help="File to write; several flights are numbered.")],
-    flags: MissionFlags = None,
-    where: Where = HERE,
-) -> int:
+def export(transfer: PlanId, /, *, to: Format, output: File, flags: Flags = None, where: Where = HERE) -> int:
     """Write a plan as a mission file for an autopilot or a map, with its assumptions as notes.
 
     Each flight is a file. Vehicle and clearance come from the parameters of the plan (`upplied settings`)
@@ -47,12 +48,12 @@ def export(
 
 
 def brief(
-    transfer: PlanArgument,
+    transfer: PlanId,
     /,
     *,
-    to: FormatOption = "qgc-plan",
-    output: Annotated[OutputOption, Parameter(help="HTML file to write.")],
-    flags: MissionFlags = None,
+    to: Format = "qgc-plan",
+    output: Html,
+    flags: Flags = None,
     where: Where = HERE,
 ) -> int:
     """Write the pilot's brief: map, heights, flights, verdict.
@@ -68,7 +69,7 @@ def brief(
 
 
 def fly(
-    transfer: PlanArgument,
+    transfer: PlanId,
     /,
     *,
     wind: Annotated[float, Parameter(help="Mean wind speed, in m/s.")] = 5.0,
@@ -98,9 +99,48 @@ def fly(
     margin = flown["min_clearance_m"] - route.clearance_m
     results.say(f"margin above the limit of {route.clearance_m:g} m: {margin:+.2f} m")
     if margin < 0:
-        errors.print(
-            "Too little clearance in this wind: plan with a larger --clearance, or fly in less wind."
-        )
+        advice = "plan with a larger --clearance, or fly in less wind"
+        errors.print(f"Too little clearance in this wind: {advice}.")
     else:
         results.next_step(f"export {transfer} --to qgc-plan --output mission.plan", "write the mission file")
     return int(margin < 0)
+
+
+@render.command
+def structure(id: StructureId, /, *, output: PictureOption, where: Where = HERE) -> int:
+    """Draw a structure from three sides, with its demonstrations."""
+    from upplied.outputs.render import render_structure
+
+    with errors.status("drawing"):
+        return _saved(output, render_structure(where.opened(), id))
+
+
+@render.command
+def transfer(id: PlanId, /, *, output: PictureOption, view: ViewOption = None, where: Where = HERE) -> int:
+    """Draw a demonstration on its structure, and its plan on the target."""
+    from upplied.outputs.render import render_transfer
+
+    with errors.status("drawing"):
+        return _saved(output, render_transfer(*where.plan(id), view))
+
+
+@render.command
+def comparison(
+    demonstration: DemonstrationId,
+    target: StructureId,
+    /,
+    *,
+    output: PictureOption,
+    view: ViewOption = None,
+    where: Where = HERE,
+) -> int:
+    """Draw the newest plan of each preset side by side."""
+    from upplied.outputs.render import render_comparison
+
+    with errors.status("drawing"):
+        return _saved(output, render_comparison(where.opened(), demonstration, target, view))
+
+
+def _saved(output: Path, png: bytes) -> int:
+    say(replace_file(beside(output), png))
+    return 0

@@ -8,32 +8,34 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import FindingArgument, OnlyKind, OnlyStructure
+from upplied.cli.options import FindingId, OnlyKind, OnlyStructure, Point
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain_each, errors, say
 from upplied.errors import SettingsError
 from upplied.outputs.labels import LABELS
 
-app = App(
-    name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
-)
+_HELP = "Place findings on structures, see them again, and find the same place elsewhere."
+app = App(name="findings", help=_HELP)
 LISTED = LABELS["findings"]
 State = Literal["open", "watched", "repaired", "dismissed"]
 SPARE = ("note", "severity", "by")
-ByOption = Annotated[str, Parameter(help="Your name, stored with the finding.")]
-NoteOption = Annotated[str, Parameter(help="Note, stored with the finding.")]
+By = Annotated[str, Parameter(help="Your name, stored with the finding.")]
+Note = Annotated[str, Parameter(help="Note, stored with the finding.")]
 PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y in pixels from the upper left.")]
 BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT in pixels.")]
-AtOption = Annotated[
-    tuple[float, float, float] | None, Parameter(help="X Y Z in metres, in the structure's frame.")
-]
-PoseErrorOption = Annotated[
-    float | None, Parameter(help="Position error in metres (95 %); by default the flight's.")
-]
-FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest pixel on the surface, in mm.")]
-SinceOption = Annotated[str | None, Parameter("--since", help="First date of looks, such as 2026-03-01.")]
-ToOption = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
+AtOption = Annotated[Point | None, Parameter(help="X Y Z in metres, in the structure's frame.")]
+_POSE_ERROR = "Position error in metres (95 %); by default the flight's."
+PoseErrorOption = Annotated[float | None, Parameter(help=_POSE_ERROR)]
+_OF_MARKS = "ID of the flight or demonstration of the marks that name none."
+Times = Annotated[Path | None, Parameter(help="CSV with name and t_ns, or t_s from the first pose.")]
+Clock = Annotated[float, Parameter(help="Seconds that the camera's clock is behind the log's.")]
+Selected = Annotated[str, Parameter(help="IDs separated by commas, or a state such as open.")]
+Target = Annotated[str, Parameter(help="Structure to plan the mission for.")]
+_REFERENCE = "Structure on which all places are shown: one map for a kind."
+Fineness = Annotated[float, Parameter("--mm-px", help="Largest pixel on the surface, in mm.")]
+Since = Annotated[str | None, Parameter("--since", help="First date of looks, such as 2026-03-01.")]
+To = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
 
 
 @app.command
@@ -41,11 +43,9 @@ def add(
     file: Path | None = None,
     /,
     *,
-    by: ByOption,
+    by: By,
     photo: PhotoOption = "",
-    flight: Annotated[
-        str, Parameter(help="ID of the flight or demonstration of the marks that name none.")
-    ] = "",
+    flight: Annotated[str, Parameter(help=_OF_MARKS)] = "",
     time: TimeOption = None,
     pixel: PixelOption = None,
     box: BoxOption = None,
@@ -54,7 +54,7 @@ def add(
     at: AtOption = None,
     class_name: Annotated[str, Parameter("--class", help="Class, such as corrosion.")] = "",
     severity: Annotated[str, Parameter(help="Severity, such as minor or critical.")] = "",
-    note: NoteOption = "",
+    note: Note = "",
     pose_error: PoseErrorOption = None,
     attitude_error: Annotated[float, Parameter(help="Attitude error in degrees (one sigma).")] = 0.4,
     pixel_error: Annotated[float, Parameter(help="Error of the mark in pixels (one sigma).")] = 1.0,
@@ -73,9 +73,8 @@ def add(
 
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
-        raise SettingsError(
-            "a finding", "has no mark, or several", "one of FILE, --pixel, --box, --outline, --at"
-        )
+        rule = "one of FILE, --pixel, --box, --outline, --at"
+        raise SettingsError("a finding", "has no mark, or several", rule)
     if file is not None:
         marks = [replace(mark, flight=mark.flight or flight) for mark in read_marks(file)]
     else:
@@ -104,16 +103,7 @@ def add(
 
 @app.command
 def photos(
-    flight: str,
-    folder: Path,
-    /,
-    *,
-    times: Annotated[
-        Path | None, Parameter(help="CSV with name and t_ns, or t_s from the first pose.")
-    ] = None,
-    clock: Annotated[float, Parameter(help="Seconds that the camera's clock is behind the log's.")] = 0.0,
-    by: ByOption = "",
-    where: Where = HERE,
+    flight: str, folder: Path, /, *, times: Times = None, clock: Clock = 0.0, by: By = "", where: Where = HERE
 ) -> int:
     """Register the photos of a flight by name, hash and time; they stay where they are.
 
@@ -139,9 +129,7 @@ def list_findings(
     kind: OnlyKind = None,
     state: Annotated[State | None, Parameter(help="Only findings in this state.")] = None,
     class_name: Annotated[str | None, Parameter("--class", help="Only findings of this class.")] = None,
-    reference: Annotated[
-        str, Parameter(help="Structure on which all places are shown: one map for a kind.")
-    ] = "",
+    reference: Annotated[str, Parameter(help=_REFERENCE)] = "",
     out: Annotated[Path | None, Parameter(help="Folder for a page with that map in 3-D.")] = None,
     results: Results = PRINTED,
 ) -> int:
@@ -170,9 +158,7 @@ def list_findings(
 
 
 @app.command(name="set")
-def set_state(
-    finding: FindingArgument, state: State, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE
-) -> int:
+def set_state(finding: FindingId, state: State, /, *, by: By, note: Note = "", where: Where = HERE) -> int:
     """Change the state of a finding; its history stays."""
     row = where.opened().set_finding(finding, state, by, note)
     say(f"finding {row['finding_id']} is {state}")
@@ -192,13 +178,13 @@ def history(finding: str, /, *, results: Results = PRINTED) -> int:
 
 @app.command
 def carry(
-    finding: FindingArgument,
+    finding: FindingId,
     /,
     *,
-    to: ToOption = "kind",
+    to: To = "kind",
     every: Annotated[bool, Parameter(help="Repeat on each similar part, such as each blade.")] = False,
-    mm_px: FinenessOption = float("inf"),
-    since: SinceOption = None,
+    mm_px: Fineness = float("inf"),
+    since: Since = None,
     results: Results = PRINTED,
 ) -> int:
     """Show the same place on other structures, and when it was last seen there."""
@@ -216,13 +202,7 @@ def carry(
     return 0
 
 
-def reshoot(
-    *,
-    findings: Annotated[str, Parameter(help="IDs separated by commas, or a state such as open.")],
-    on: Annotated[str, Parameter(help="Structure to plan the mission for.")],
-    mm_px: FinenessOption,
-    where: Where = HERE,
-) -> int:
+def reshoot(*, findings: Selected, on: Target, mm_px: Fineness, where: Where = HERE) -> int:
     """Plan a mission that shows findings from where their photos did; the result is a draft."""
     from upplied.findings.campaign import selected_findings
     from upplied.findings.reshoot import plan_reshoot
@@ -239,13 +219,7 @@ def reshoot(
 
 @app.command
 def campaign(
-    finding: FindingArgument,
-    /,
-    *,
-    mm_px: FinenessOption,
-    to: ToOption = "kind",
-    since: SinceOption = None,
-    where: Where = HERE,
+    finding: FindingId, /, *, mm_px: Fineness, to: To = "kind", since: Since = None, where: Where = HERE
 ) -> int:
     """Plan a draft for each structure where no flight showed the place of a finding."""
     from upplied.findings.campaign import plan_campaign

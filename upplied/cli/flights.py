@@ -8,29 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli import findings
-from upplied.cli.options import (
-    ByOption,
-    FindingArgument,
-    FlightArgument,
-    OnlyStructure,
-    PointArgument,
-    StructureArgument,
-)
-from upplied.cli.terminal import (
-    HERE,
-    ID_DIGITS,
-    PRINTED,
-    Results,
-    Where,
-    complain,
-    complain_each,
-    errors,
-    plain,
-    point_text,
-    rows_of,
-    say,
-)
+from upplied.cli import findings, terminal
+from upplied.cli.options import AtPoint, By, FindingId, FlightId, OnlyStructure, StructureId, Texts
+from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, say
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
@@ -40,12 +20,13 @@ if TYPE_CHECKING:
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
 PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the plan that fits best.")]
-PhotosOption = Annotated[
-    Path | None, Parameter(help="File with the times of photos, in nanoseconds of the log's clock.")
-]
-ForceOption = Annotated[
-    tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")
-]
+_PHOTOS = "File with the times of photos, in nanoseconds of the log's clock."
+PhotosOption = Annotated[Path | None, Parameter(help=_PHOTOS)]
+Force = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
+Name = Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")]
+Kind = Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")]
+Kinds = Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")]
+Size = Annotated[float, Parameter(help="Width of the area to show, in metres.")]
 
 
 @app.command
@@ -78,12 +59,7 @@ def add(
 
 
 @app.command(name="list")
-def list_flights(
-    *,
-    structure: OnlyStructure = None,
-    kind: Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")] = None,
-    results: Results = PRINTED,
-) -> int:
+def list_flights(*, structure: OnlyStructure = None, kind: Kinds = None, results: Results = PRINTED) -> int:
     """List the flights in the order of their import."""
     flights = results.opened().flights(structure=structure, kind=kind)
     results.show_frame("flights", flights, LABELS["flights"], ("findings", "plan", "clearance m"))
@@ -91,14 +67,14 @@ def list_flights(
 
 
 @app.command(name="show")
-def show_one(flight: FlightArgument, /, *, results: Results = PRINTED) -> int:
+def show_one(flight: FlightId, /, *, results: Results = PRINTED) -> int:
     """Show all details of one flight."""
     _show(results.opened().flight(flight), results)
     return 0
 
 
 @app.command
-def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
+def gap(flight: FlightId, /, *, where: Where = HERE) -> int:
     """Plan the shortest safe flight over the surface that a flight missed; the result is a draft."""
     from upplied.fleet.gaps import plan_gap
 
@@ -115,39 +91,24 @@ def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
 
 
 @app.command
-def history(
-    structure: StructureArgument,
-    point: PointArgument,
-    /,
-    *,
-    kind: Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")] = "",
-    results: Results = PRINTED,
-) -> int:
+def history(structure: StructureId, point: AtPoint, /, *, kind: Kind = "", results: Results = PRINTED) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, point, kind)
-    results.show(f"views of {point_text(point)} on {structure}", rows_of(looks), ("patch", "patch_off_m"))
-    seen = looks[looks["seen"]]
-    if seen.empty:
+    title = f"views of {terminal.point_text(point)} on {structure}"
+    results.show(title, terminal.rows_of(looks), ("patch", "patch_off_m"))
+    if not looks["seen"].any():
         results.say("never seen")
         return 0
-    last = seen.iloc[-1]
+    last = looks[looks["seen"]].iloc[-1]
     place = f"{last['distance_m']:.1f} m at {last['incidence_deg']:.0f} degrees"
     results.say(f"last seen {last['flown_at']:%Y-%m-%d} from {place}")
     return 0
 
 
 @app.command
-def promote(
-    flight: FlightArgument,
-    /,
-    *,
-    by: ByOption,
-    name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
-    force: ForceOption = (),
-    where: Where = HERE,
-) -> int:
+def promote(flight: FlightId, /, *, by: By, name: Name = "", force: Force = (), where: Where = HERE) -> int:
     """Store a flight as a demonstration, to be transferred to other structures."""
-    from upplied.fleet.promoting import promote_flight
+    from upplied.fleet.flights import promote_flight
 
     outcome = promote_flight(where.opened(), flight, by, name, force)
     say(f"{outcome.demonstration_id}: a demonstration of {outcome.structure_id}")
@@ -156,9 +117,9 @@ def promote(
 
 
 def _show(row: dict[str, Any], results: Results) -> None:
-    from upplied.outputs.flown import wind_words
+    from upplied.outputs.verdicts import wind_words
 
-    known = plain(row)
+    known = terminal.plain(row)
     if results.json:
         results.show("", [known])
         return
@@ -169,7 +130,7 @@ def _show(row: dict[str, Any], results: Results) -> None:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class LookResults(Results):
+class Looks(Results):
     """The flights whose looks count, and the folder for crops of their photos."""
 
     out: Annotated[Path | None, Parameter(help="Folder for crops side by side, with a page.")] = None
@@ -177,7 +138,6 @@ class LookResults(Results):
     simulated: Annotated[bool, Parameter(help="Include simulated flights.")] = False
 
     def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
-        """Print the looks at a place and write the crops; 1 if a photo is missing."""
         from upplied.findings.looks import FLOWN, looks_at_spot, looks_frame
 
         with errors.status("casting rays"):
@@ -192,16 +152,16 @@ class LookResults(Results):
 
         structure = store.structure(spot.structure_id)
         page, missing = write_crops(self.out, title, looks, spot, structure, self.photos)
-        complain_each("missing", missing)
+        terminal.complain_each("missing", missing)
         self.say(page)
         return int(bool(missing))
 
 
-LOOKED = LookResults()
+LOOKED = Looks()
 
 
 @findings.app.command(name="looks")
-def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
+def looks_of(finding: FindingId, /, *, results: Looks = LOOKED) -> int:
     """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import off_surface, spot_of
 
@@ -212,21 +172,14 @@ def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> i
     if spot.structure_sha256 != sha256:
         off = float(off_surface(store, [spot], sha256)[0])
         words = f"{spot.structure_id} has changed since the finding was placed"
-        complain(f"{words}; the place is {off:.2f} m off its surface")
+        terminal.complain(f"{words}; the place is {off:.2f} m off its surface")
     return results.show_looks(store, f"finding {row['finding_id']}", spot)
 
 
-def looks(
-    structure: StructureArgument,
-    point: PointArgument,
-    /,
-    *,
-    size: Annotated[float, Parameter(help="Width of the area to show, in metres.")] = 0.5,
-    results: LookResults = LOOKED,
-) -> int:
+def looks(structure: StructureId, point: AtPoint, /, *, size: Size = 0.5, results: Looks = LOOKED) -> int:
     """List every photo of every flight that shows the place of the surface nearest to a point."""
     from upplied.findings.looks import spot_at
 
     store = results.opened()
-    title = f"{point_text(point)} of {structure}"
+    title = f"{terminal.point_text(point)} of {structure}"
     return results.show_looks(store, title, spot_at(store, structure, point, size / 2))

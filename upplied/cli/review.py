@@ -1,29 +1,28 @@
-"""`upplied review`, `release`, `reject`, `edit` and `in-force`: edits and decisions of people."""
+"""`upplied review`, `release`, `reject`, `edit`, `in-force` and `keys`: what people decide, and who may."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
-from upplied.cli.options import ByOption, NoteOption, OnlyKind, OnlyStructure, PlanArgument
+from upplied.cli.options import By, Note, OnlyKind, OnlyStructure, PersonArgument, PlanId, Texts
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, complain, errors, say
 from upplied.errors import SettingsError
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
-    pass
+    from upplied.catalog.verbs.roster import Roster
+
+keys = App(name="keys", help="Manage who may release plans, and their signing keys.")
+_RULES = "Rule to overrule: preset, verdict, rejected, recalled or changed."
+Force = Annotated[Texts, Parameter(help=_RULES)]
+Out = Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")]
+From = Annotated[Path | None, Parameter("--from", help="Import the edited file.")]
 
 
-ForceOption = Annotated[
-    tuple[str, ...], Parameter(help="Rule to overrule: preset, verdict, rejected, recalled or changed.")
-]
-
-
-def review(
-    transfer: PlanArgument, /, *, by: ByOption = "", note: NoteOption = "", results: Results = PRINTED
-) -> int:
+def review(transfer: PlanId, /, *, by: By = "", note: Note = "", results: Results = PRINTED) -> int:
     """Compare a plan with the one in force; with --by, record the review."""
     store, plan = results.plan(transfer)
     if by:
@@ -44,15 +43,7 @@ def review(
     return 0
 
 
-def release(
-    transfer: PlanArgument,
-    /,
-    *,
-    by: ByOption,
-    note: NoteOption = "",
-    force: ForceOption = (),
-    where: Where = HERE,
-) -> int:
+def release(transfer: PlanId, /, *, by: By, note: Note = "", force: Force = (), where: Where = HERE) -> int:
     """Release a plan: it is in force, for its demonstration and target, until another is released."""
     store, plan = where.plan(transfer)
     store.release(plan, by, note, force)
@@ -61,7 +52,7 @@ def release(
     return 0
 
 
-def reject(transfer: PlanArgument, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE) -> int:
+def reject(transfer: PlanId, /, *, by: By, note: Note = "", where: Where = HERE) -> int:
     """Reject a plan: it must not be flown. If it was in force, no plan is in force afterwards."""
     store, plan = where.plan(transfer)
     store.reject(plan, by, note)
@@ -87,15 +78,7 @@ def in_force(*, structure: OnlyStructure = None, kind: OnlyKind = None, results:
     return int(bool(len(recalled) or len(altered)))
 
 
-def edit(
-    transfer: PlanArgument,
-    /,
-    *,
-    out: Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")] = None,
-    read: Annotated[Path | None, Parameter("--from", help="Import the edited file.")] = None,
-    by: ByOption = "",
-    where: Where = HERE,
-) -> int:
+def edit(transfer: PlanId, /, *, out: Out = None, read: From = None, by: By = "", where: Where = HERE) -> int:
     """Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.
 
     The viewpoints are written as JSON; the edited file is imported as a new draft.
@@ -119,3 +102,56 @@ def edit(
     say(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
     where.next_step(f"review {outcome}", "compare it with the one in force")
     return int(not row["flyable"])
+
+
+@keys.command
+def new(name: PersonArgument, /, *, where: Where = HERE) -> int:
+    """Generate a key pair; the private key stays on this machine."""
+    from upplied.catalog.verbs.roster import key_path, new_key
+
+    public = new_key(name)
+    say(f"{name}: public key {public}")
+    say(f"private key in {key_path(name)}: keep it to yourself")
+    where.next_step(f"keys add {name!r} {public}", "allow this person to release")
+    return 0
+
+
+@keys.command
+def add(name: PersonArgument, key: str, /, *, where: Where = HERE) -> int:
+    """Add a person to the roster. Once there is one, only listed people may release, and they sign.
+
+    Parameters
+    ----------
+    key : str
+        The public key, as `upplied keys new` prints it.
+    """
+    roster = _roster(where)
+    roster.add(name, key)
+    say(f"{name} may release; roster {roster.path}")
+    return 0
+
+
+@keys.command
+def retire(name: PersonArgument, /, *, where: Where = HERE) -> int:
+    """Remove a person from the roster; earlier releases stay in force."""
+    decisions = where.opened().decisions()
+    _roster(where).retire(name, "" if decisions.empty else str(decisions["decision_id"].iloc[-1]))
+    say(f"{name} may no longer release")
+    return 0
+
+
+@keys.command(name="list")
+def list_people(*, results: Results = PRINTED) -> int:
+    """List who may release; without a roster everybody may."""
+    people = _roster(results).people or []
+    rows = [{"name": one.name, "key": one.key, "may release": not one.until} for one in people]
+    results.show("roster", rows)
+    return 0
+
+
+def _roster(where: Where) -> Roster:
+    from upplied.catalog.verbs.roster import Roster
+
+    store = where.opened()
+    store.identity.required()
+    return Roster(store.location)

@@ -9,18 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from upplied import fleet
-from upplied.cli.options import USUAL_RULES, RuleFlags, StructureArgument, WorkersOption
-from upplied.cli.terminal import (
-    HERE,
-    PRINTED,
-    Results,
-    Where,
-    complain,
-    errors,
-    ingested_report,
-    progress,
-    say,
-)
+from upplied.cli import terminal
+from upplied.cli.options import USUAL, Cores, Rules, StructureId
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, progress, say
 from upplied.errors import CatalogError, InputError
 from upplied.files import replace_file
 
@@ -35,6 +26,7 @@ _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 
 app = App(name="structures", help="The structures of the catalog.")
 PictureOption = Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")]
+Prune = Annotated[bool, Parameter(help="Retire structures that the manifest no longer names.")]
 CleanOption = Annotated[bool, Parameter(help="Also write NAME-clean.ply without the surroundings.")]
 
 
@@ -43,9 +35,9 @@ def add(
     manifest: Path,
     /,
     *,
-    prune: Annotated[bool, Parameter(help="Retire structures that the manifest no longer names.")] = False,
-    flags: RuleFlags = USUAL_RULES,
-    workers: WorkersOption = 0,
+    prune: Prune = False,
+    flags: Rules = USUAL,
+    workers: Cores = 0,
     where: Where = HERE,
 ) -> int:
     """Import the meshes of a manifest; each is checked against its kind (docs/checks.md).
@@ -60,7 +52,7 @@ def add(
     store, rules = where.opened(), _rule_options(flags)
     with progress("reading structures", len(read_manifest(manifest))) as advance:
         ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, rules)
-    code = ingested_report(ingested)
+    code = terminal.ingested_report(ingested)
     if not code and len(store.demonstrations()):
         where.next_step("plan", "transfer the demonstrations to new and changed structures")
     elif not code:
@@ -78,7 +70,7 @@ def list_(*, results: Results = PRINTED) -> int:
 
 
 @app.command(name="show")
-def show_(structure: StructureArgument, /, *, results: Results = PRINTED) -> int:
+def show_(structure: StructureId, /, *, results: Results = PRINTED) -> int:
     """Show a structure: its size, repairs, and the rules it breaks or overrules."""
     from upplied.inputs.rules import from_json
 
@@ -110,8 +102,8 @@ def check(
     id: Annotated[str | None, Parameter(help="Structure of a manifest to report in full.")] = None,
     png: PictureOption = None,
     clean: CleanOption = False,
-    flags: RuleFlags = USUAL_RULES,
-    workers: WorkersOption = 0,
+    flags: Rules = USUAL,
+    workers: Cores = 0,
     results: Results = PRINTED,
 ) -> int:
     """Check a mesh or the meshes of a manifest; nothing is stored.
@@ -126,7 +118,14 @@ def check(
     rules = _rule_options(flags)
     if file.suffix.lower() not in (".toml", ".csv"):
         return _checked(file, png, clean=clean)
-    others = _others(results)
+    others: Catalog | None = None
+    try:
+        others = results.opened()
+        others.structures()
+    except CatalogError:  # compared with none, if none is named and the default does not exist
+        if results.location != HERE.location:
+            raise
+        others = None
     if id is not None:
         entries = {entry.structure_id: entry for entry in rules.of(read_manifest(file))}
         if id not in entries:
@@ -141,23 +140,11 @@ def check(
     return int(any(item.status == "failed" for item in checked))
 
 
-def _rule_options(flags: RuleFlags) -> RuleOptions:
+def _rule_options(flags: Rules) -> RuleOptions:
     from upplied.fleet import RuleOptions
     from upplied.inputs.rules import StructureSettings
 
     return RuleOptions(flags.allow, flags.strict, StructureSettings.changed(flags.set_))
-
-
-def _others(where: Where) -> Catalog | None:
-    """The catalog to compare structures with; None if no catalog is named and the default does not exist."""
-    try:
-        store = where.opened()
-        store.structures()
-        return store
-    except CatalogError:
-        if where.location != HERE.location:
-            raise
-        return None
 
 
 def _checked(
@@ -180,7 +167,7 @@ def _checked(
         with errors.status("checking"), Workers(1) as pool:
             report = pool.run(health_report, what)
     except (InputError, JobKilled) as error:
-        complain(f"refused: {error}")
+        terminal.complain(f"refused: {error}")
         return 1
     say(report.text)
     replace_file(png, structure_png(report.structure, title=png.stem.removesuffix("-check")))
@@ -199,8 +186,8 @@ def _checked(
 def _cleaned(structure: Structure, png: Path) -> None:
     """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from upplied.geometry.separation import CLASSES, separated, structure_alone
+    from upplied.outputs.display import ply_bytes
     from upplied.outputs.figures import separation_png
-    from upplied.outputs.ply import ply_bytes
 
     separation = separated(structure)
     if not separation.texts:
@@ -212,9 +199,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
     left = replace(structure, vertices=vertices, triangles=triangles, normals=normals)
     replace_file(mesh, ply_bytes(vertices, triangles, normals))
     replace_file(picture, separation_png(structure, separation.label, CLASSES, left))
-    words = "; ".join(separation.texts)
-    say(f"  separated   {words}; {separation.area_m2[0]:.1f} m² are left")
+    say(f"  separated   {'; '.join(separation.texts)}; {separation.area_m2[0]:.1f} m² are left")
     ground = "" if separation.ground_z_m is None else f", ground_z = {separation.ground_z_m:.2f}"
-    declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
-    say(f"  cleaned     {mesh}: declare {declare}")
+    say(f"  cleaned     {mesh}: declare units = 'm', up = 'z', forward = 'x'{ground}")
     say(f"  picture     {picture} (before and after)")

@@ -31,6 +31,7 @@ errors = Console(highlight=False, stderr=True)
 Advance = Callable[[], None]
 ID_DIGITS = 12  # of the id of a flight, where people read it
 REASONS = 10  # that are printed one by one
+_PLACE = Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog.")
 
 
 @Parameter(name="*")
@@ -38,13 +39,9 @@ REASONS = 10  # that are printed one by one
 class Where:
     """The catalog that a command works on."""
 
-    location: Annotated[
-        str,
-        Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog."),
-    ] = "catalog"
+    location: Annotated[str, _PLACE] = "catalog"
 
     def opened(self) -> Catalog:
-        """The catalog."""
         from upplied.catalog import open_catalog
 
         return open_catalog(self.location)
@@ -69,10 +66,7 @@ class Results(Where):
     json: Annotated[bool, Parameter("--json", help="Print JSON instead of a table.")] = False
 
     def show(self, title: str, rows: Sequence[Mapping[str, Any]], spare: Sequence[str] = ()) -> None:
-        """Print rows as a table, or as JSON.
-
-        `spare` names the columns that go first where the table is wider than the terminal.
-        """
+        """Print rows as a table, or as JSON; `spare` columns go first where the terminal is too narrow."""
         if self.json:
             text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
             sys.stdout.write(f"{text}\n")  # even with --quiet
@@ -86,9 +80,8 @@ class Results(Where):
 
         cells = {name: [_cell(row[name]) for row in rows] for name in rows[0]}
         left_out = _left_out(cells, spare)
-        table = Table(
-            title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-        )
+        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        table.padding = (0, 1, 0, 0)
         for name in (columns := [name for name in cells if name not in left_out]):
             numbers = any(isinstance(row[name], int | float) for row in rows)
             # A long text may be wrapped.
@@ -110,10 +103,8 @@ class Results(Where):
         self.show(title, rows, spare)
 
     def show_facts(self, title: str, facts: Mapping[str, Any]) -> None:
-        """Print facts by name, except empty ones, as a table or as JSON."""
-        self.show(
-            title, [{"item": name, "value": facts[name]} for name in facts if facts[name] not in ("", None)]
-        )
+        known = {name: value for name, value in facts.items() if value not in ("", None)}
+        self.show(title, [{"item": name, "value": value} for name, value in known.items()])
 
     def say(self, text: object) -> None:
         """Print a line below a table; not with JSON."""
@@ -135,12 +126,10 @@ def say(text: object) -> None:
 
 
 def complain(text: object) -> None:
-    """Print a line on standard error without wrapping."""
     errors.print(str(text), markup=False, soft_wrap=True)
 
 
 def complain_each(what: str, reasons: Sequence[str]) -> None:
-    """Print the first reasons on standard error, and the number of further ones."""
     for reason in reasons[:REASONS]:
         complain(f"{what}: {reason}")
     if len(reasons) > REASONS:
@@ -172,19 +161,15 @@ def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list
 
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row with None in place of NaN and infinity, which JSON lacks."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in row.items()
-    }
+    lacking = {name for name, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
+    return {name: None if name in lacking else value for name, value in row.items()}
 
 
 def point_text(point: Sequence[float]) -> str:
-    """A point, m, for a title."""
     return f"({', '.join(f'{value:g}' for value in point)}) m"
 
 
 def number(value: Any) -> float | None:
-    """A value as a number; None if it is missing."""
     return None if value is None or value != value else float(value)
 
 
@@ -192,14 +177,13 @@ def compared(
     titles: Mapping[str, str], rows: Mapping[str, Mapping[Any, Any]], difference: tuple[str, str, str]
 ) -> list[dict[str, Any]]:
     """A row for each measure: its title, its value in each of `rows`, and the difference of two."""
-    title_of_difference, one, other = difference
     lines = []
     for measure, title in titles.items():
         values = {name: number(row[measure]) for name, row in rows.items()}
         line: dict[str, Any] = {"measure": title, **values}
         if len(values) == 2:
-            first, second = values[one], values[other]
-            line[title_of_difference] = None if first is None or second is None else first - second
+            first, second = (values[name] for name in difference[1:])
+            line[difference[0]] = None if first is None or second is None else first - second
         lines.append(line)
     return lines
 
@@ -215,7 +199,6 @@ def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[
 
 
 def hint(line: str) -> None:
-    """Print a dim line, on a terminal only."""
     if console.is_terminal:
         console.print(line, markup=False, soft_wrap=True, style="dim")
 
@@ -229,7 +212,6 @@ def _cell(value: Any) -> str:
 
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
-    """Report the result for each file; 1 if one of them failed."""
     shown = [item for item in ingested if item.file and item.status != "unchanged"]
     if shown:
         above = os.path.commonpath([os.path.dirname(item.file) for item in shown])

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from upplied import fleet
-from upplied.cli.options import Choices, WorkersOption
-from upplied.cli.recommend import best as best_for
+from upplied.cli.demonstrations import best as best_for
+from upplied.cli.options import Choices, Cores, Texts
 from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
 from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.outputs.labels import LABELS
@@ -19,11 +19,9 @@ if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import Decision, PlanRequest, Result
 
-PresetOption = Annotated[
-    tuple[str, ...],
-    Parameter(name="--preset", consume_multiple=True, help="Presets: paper, recommended or baseline."),
-]
-SetOption = Annotated[tuple[str, ...], Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
+_PRESETS = "Presets: paper, recommended or baseline."
+PresetOption = Annotated[Texts, Parameter(name="--preset", consume_multiple=True, help=_PRESETS)]
+SetOption = Annotated[Texts, Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
 BestOption = Annotated[str, Parameter("--best", help="Structure for which to use the best demonstration.")]
 ExperimentOption = Annotated[str, Parameter(help="Name of an experiment; its plans are never released.")]
 ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")]
@@ -45,7 +43,7 @@ def transfer(
     experiment: ExperimentOption = "",
     best: BestOption = "",
     reproduce: ReproduceOption = None,
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     timeout: TimeoutOption = 600.0,
     results: Results = PRINTED,
 ) -> int:
@@ -80,13 +78,7 @@ def transfer(
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
-    """The targets of a demonstration's kind; the others are reported with the reason.
-
-    Raises
-    ------
-    InputError
-        If none is left.
-    """
+    """The targets of a demonstration's kind; the others are reported, or refused where none is left."""
     from upplied.checks import suggested
 
     if not targets:
@@ -99,10 +91,8 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
         if name not in kinds:
             reasons.append(f"structure {name}: is not in the catalog ({suggested(name, kinds)})")
         elif kind and kinds[name] != kind:
-            reasons.append(
-                f"structure {name}: is of kind {kinds[name]}, and {demonstration} was flown on {flown}, "
-                f"of kind {kind}: a demonstration is transferred within its kind"
-            )
+            reason = f"is of kind {kinds[name]}, and {demonstration} was flown on {flown}, of kind {kind}"
+            reasons.append(f"structure {name}: {reason}: a demonstration is transferred within its kind")
         else:
             targets_of_kind.append(name)
     if not targets_of_kind:
@@ -119,7 +109,7 @@ def plan(
     set_: SetOption = (),
     retry_failed: Annotated[bool, Parameter(help="Include pairs that failed before.")] = False,
     experiment: ExperimentOption = "",
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     timeout: TimeoutOption = 600.0,
     results: Results = PRINTED,
 ) -> int:
@@ -143,7 +133,6 @@ def plan(
 
 
 def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """``route.clearance_m=3`` and the like as stage -> setting -> value."""
     stages: dict[str, dict[str, Any]] = {}
     for text in given:
         name, equals, value = text.partition("=")
@@ -158,7 +147,6 @@ def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 
 
 def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> Result:
-    """Plan the jobs of a decision, with a progress bar."""
     from upplied.fleet.edits import carry_edits
 
     resources = fleet.Resources(workers, fleet.Limits(timeout))
@@ -170,7 +158,6 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
-    """The newest plans of a request with exactly its settings."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
@@ -188,7 +175,6 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
 
 
 def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results) -> None:
-    """Print the measures of each plan, and below them reasons and warnings."""
     from upplied.outputs.pairs import shown_status
     from upplied.outputs.verdicts import resolution
 
@@ -210,7 +196,6 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results)
 
 
 def show_decision(decision: Decision, results: Results) -> None:
-    """Print the pairs that would be planned, with the reasons."""
     columns = ("demonstration", "target", "preset", "why")
     pairs = [(job.demonstration_id, job.target_id, job.settings.preset, job.why) for job in decision.jobs]
     most = len(pairs) if results.json else 40
@@ -233,24 +218,23 @@ def _reproduced(where: Where, transfer_id: str) -> int:
 
     store, transfer = where.plan(transfer_id)
     basis = recipe(store, transfer)
-    purpose = basis.row["purpose"] or ""
-    if purpose.startswith("gap "):
-        remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
-        raise RefusedError(f"plan {transfer_id}", "was planned from a flight", "", remedy)
-    if purpose.startswith(("reshoot ", "campaign ")):
-        remedy = f"plan it again: upplied reshoot --on {basis.row['target_id']}"
-        raise RefusedError(f"plan {transfer_id}", "was planned from findings", "", remedy)
+    row, what = basis.row, f"plan {transfer_id}"
+    purpose, _, subject = (row["purpose"] or "").partition(" ")
+    if purpose == "gap":
+        remedy = f"plan it again: upplied flights gap {subject}"
+        raise RefusedError(what, "was planned from a flight", "", remedy)
+    if purpose in ("reshoot", "campaign"):
+        remedy = f"plan it again: upplied reshoot --on {row['target_id']}"
+        raise RefusedError(what, "was planned from findings", "", remedy)
     with errors.status("planning again"):
         settings = basis.settings
         zones, unnamed = required_surface(store, store.cache, basis.target, settings.required.zones)
         inputs = (basis.demonstration, basis.source, basis.target)
         plan = plan_transfer(*inputs, settings, no_memo, zones, basis.siblings)
         plan = replace(plan, warnings=(*plan.warnings, *unnamed))
-    different = basis.differences(plan)
-    row = basis.row
     for doubt in basis.doubts:
         say(f"note: {doubt}")
-    if not different:
+    if not (different := basis.differences(plan)):
         what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]
         say(f"{transfer_id}: the result is the same ({what})")
         return 0

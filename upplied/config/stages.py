@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from upplied.config.ranges import (
-    Count,
-    Incidence,
-    Metres,
-    Motion,
-    Pitch,
-    Positive,
-    Range,
-    Ratio,
-    Share,
-    TurnRate,
-    Weight,
-)
 
+class Range(NamedTuple):
+    low: float
+    high: float
+
+
+Count = Annotated[int, Range(1, 1000)]
+Incidence = Annotated[float, Range(1, 90)]
+Metres = Annotated[float, Range(0, 1000)]
+Motion = Annotated[float, Range(0.01, 100)]  # m/s or m/s2
+Pitch = Annotated[float, Range(-90, 90)]
+Positive = Annotated[float, Range(0, math.inf)]
+Ratio = Annotated[float, Range(1, 1e6)]
+Share = Annotated[float, Range(0, 1)]
+TurnRate = Annotated[float, Range(0.1, 1000)]
+Weight = Annotated[float, Range(0, 1000)]
 Drone = Literal[
     "", "m300", "m350", "m30", "m30t", "m3e", "m3t", "m3m", "m3d", "m3td", "m4e", "m4t", "m4d", "m4td", "m400"
 ]

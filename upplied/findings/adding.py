@@ -1,10 +1,7 @@
 """Marks become findings: each cast on the structure as it is known, with its place, size and error."""
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -13,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.findings import check_text
+from upplied.catalog.verbs.roster import check_text
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
@@ -49,13 +46,8 @@ class Added:
 class Placing:
     """Marks placed on structures of a catalog; flights and structures are read once.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    errors : Errors
-        Of the camera, and of the positions of flights that do not state theirs.
-    pose_m : float, optional
-        Of all positions, whatever flights state.
+    The errors are those of the camera, and of the positions of flights that do not state theirs; `pose_m` is
+    that of all positions, whatever flights state.
     """
 
     def __init__(self, catalog: Catalog, errors: Errors | None = None, pose_m: float | None = None) -> None:
@@ -66,18 +58,13 @@ class Placing:
     def row(self, mark: Mark) -> dict[str, Any]:
         """A mark as a row of `findings`, without author and commit.
 
-        Raises
-        ------
-        RefusedError
-            If its photo is of no known flight, it misses the structure or looks at it too obliquely.
-        SettingsError
-            If a text of it is not readable.
+        It is refused if a text of it is not readable, its photo is of no known flight, or it misses the
+        structure or looks at it too obliquely.
         """
         columns = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
         columns |= {"file": mark.file, "file_sha256": mark.file_sha256}
-        for name in ("photo", "structure", "flight"):
-            check_text(mark.what, name, getattr(mark, name))
-        for name, text in columns.items():
+        own = {name: getattr(mark, name) for name in ("photo", "structure", "flight")}
+        for name, text in (own | columns).items():
             check_text(mark.what, name, text)
         return columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
 
@@ -86,9 +73,8 @@ class Placing:
         structure = self._structure(mark.structure)
         stated = np.array(mark.place, float)[None]
         if not (np.abs(stated) < _MOST_M).all():
-            raise RefusedError(
-                mark.what, f"is at {mark.place}", "three coordinates, m, frame of the structure"
-            )
+            rule = "three coordinates, m, frame of the structure"
+            raise RefusedError(mark.what, f"is at {mark.place}", rule)
         (place,), (normal,) = on_surface(scene_of(structure), stated)
         off = float(np.linalg.norm(place - stated[0]))
         if off > _OFF_SURFACE * structure.diagonal_m:
@@ -109,9 +95,8 @@ class Placing:
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
         size = size_of_photo(photo, mark.size_px)
         pose = flight.at(np.array([t_s]))
-        camera = with_size(
-            flight.zoomed(pose.fov_deg), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}"
-        )
+        named = f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}"
+        camera = with_size(flight.zoomed(pose.fov_deg), *size, named)
         limits = np.array(size_px(camera))
         corners = mark.corners * _enlarged(mark, limits)
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
@@ -162,11 +147,9 @@ class Placing:
                 return {}
             raise
 
-    def _about(
-        self, mark: Mark, structure: Structure, place: Any, normal: Any, seen_by: str
-    ) -> dict[str, Any]:
+    def _about(self, mark: Mark, structure: Structure, place: Any, normal: Any, by: str) -> dict[str, Any]:
         photo = Path(mark.photo).name
-        key: list[Any] = [structure.structure_id, seen_by, photo, mark.t_s, mark.pixels, mark.class_name]
+        key: list[Any] = [structure.structure_id, by, photo, mark.t_s, mark.pixels, mark.class_name]
         key += [] if mark.place is None else [list(mark.place)]
         return {
             "finding_id": digest(key)[:_DIGITS],
@@ -179,27 +162,11 @@ class Placing:
 
 
 def add_marks(
-    catalog: Catalog,
-    marks: Sequence[Mark],
-    by: str,
-    errors: Errors | None = None,
-    pose_m: float | None = None,
+    catalog: Catalog, marks: list[Mark], by: str, errors: Errors | None = None, pose_m: float | None = None
 ) -> Added:
-    """Place marks and add those that can be placed, in one commit.
+    """Place marks (see `Placing`) and add those that can be placed, in one commit of who found them.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    marks : sequence of Mark
-    by : str
-        Who found them.
-    errors, pose_m
-        See `Placing`.
-
-    Returns
-    -------
-    Added
-        What is refused is listed with its reason; nothing of it is stored.
+    What is refused is listed with its reason; nothing of it is stored.
     """
     placing, rows, refused = Placing(catalog, errors, pose_m), [], []
     for mark in marks:

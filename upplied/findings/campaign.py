@@ -1,7 +1,5 @@
 """One draft for each structure on which the place of a finding was not looked at yet: jobs of the fleet."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Sequence
@@ -11,7 +9,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
-from upplied.catalog.verbs.findings import STATES
+from upplied.catalog.verbs.decisions import STATES
 from upplied.catalog.verbs.queries import When
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
@@ -28,15 +26,7 @@ _PURPOSE = "campaign"  # how the purpose of its plans begins; its finding and mm
 
 
 def selected_findings(catalog: Catalog, selection: str, structure_id: str) -> list[dict[str, Any]]:
-    """The findings of ids that are listed with commas, or those of a state on a structure.
-
-    Raises
-    ------
-    RefusedError
-        If there are none.
-    CatalogError
-        If an id is not known.
-    """
+    """The findings of ids that are listed with commas, or those of a state on a structure, one at least."""
     if selection.lower() not in STATES:
         return [catalog.finding(name.strip()) for name in selection.split(",") if name.strip()]
     rows = catalog.findings(structure=structure_id, state=selection.lower()).to_dict("records")
@@ -50,31 +40,19 @@ def plan_campaign(
 ) -> list[dict[str, str]]:
     """Plan a mission to the place of a finding on each structure where no flight showed it.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    row : dict
-        Of `findings`.
-    mm_px : float
-        The largest ground sample distance of a look that counts, and of those that are planned, mm.
-    to : str
-        ``kind``, or ids with commas.
-    since : datetime or str, optional
-        Looks before that moment do not count.
+    The row is of `findings`; `mm_px` is the largest ground sample distance, mm, of a look that counts, and of
+    those that are planned. `to` is ``kind``, or ids with commas; looks before `since` do not count.
 
-    Returns
-    -------
-    list of dict
-        Of each structure its id, status (seen, refused, or the plan's: draft, released, rejected and others)
-        and, in words, the look, the plan or why there is none.
+    Returned are of each structure its id, status (seen, refused, or the plan's: draft, released, rejected and
+    others) and, in words, the look, the plan or why there is none.
     """
     jobs, results = campaign_jobs(catalog, row, mm_px, to, since)
     keys = [job.key for job in jobs]
     before = catalog.settled(keys)
     transfer(catalog, [job for job in jobs if job.key not in before], new_run_id(), plan=plan_job)
-    columns = ["transfer_id", "state", "warnings"]
-    rows = catalog.transfers(ids=[id_of(key) for key in keys], every=True, columns=columns)
-    plans = {one["transfer_id"]: one for one in rows.to_dict("records")}
+    columns, ids = ["transfer_id", "state", "warnings"], [id_of(key) for key in keys]
+    rows = catalog.transfers(ids=ids, every=True, columns=columns).to_dict("records")
+    plans = {one["transfer_id"]: one for one in rows}
     for job in jobs:
         status, words = catalog.settled([job.key]).get(job.key, ("failed", "its inputs changed"))
         if status == "ok":
@@ -90,25 +68,12 @@ def plan_campaign(
 def due_jobs(
     catalog: Catalog, findings: Sequence[str], mm_px: float, retry_failed: bool = False
 ) -> tuple[list[Job], list[str]]:
-    """The jobs of the campaigns of several findings that the catalog has no outcome of.
+    """The jobs of the campaigns of findings that the catalog has no outcome of; and of others why, in words.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    findings : sequence of str
-        Ids.
-    mm_px : float
-        See `plan_campaign`.
-    retry_failed : bool
-        Those that failed as well; what was refused is refused again only when its inputs change.
-
-    Returns
-    -------
-    tuple
-        The jobs, and why a whole campaign or a structure of it has none, in words.
+    They may include those that failed; what was refused is refused again only when its inputs change. See
+    `plan_campaign`.
     """
-    jobs: list[Job] = []
-    problems = []
+    jobs, problems = list[Job](), []
     for start in findings:
         try:
             own, others = campaign_jobs(catalog, catalog.finding(start), mm_px)
@@ -136,15 +101,14 @@ def campaign_jobs(
         raise RefusedError("a campaign", f"was requested with {mm_px:g} mm a pixel", "more than 0")
     for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
         name = str(there["structure_id"])
-        one = {"structure_id": name, "status": "seen"}
         if not pd.isna(there["looked_at"]):
             words = f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
-            others.append({**one, "words": words})
+            others.append({"structure_id": name, "status": "seen", "words": words})
             continue
         try:
             base = base_of(catalog, name)
         except UppliedError as error:
-            others.append({**one, "status": "refused", "words": str(error)})
+            others.append({"structure_id": name, "status": "refused", "words": str(error)})
             continue
         key = digest([_PURPOSE, *depends_on(carrying, [row], base, mm_px)])
         pair = base.about["demonstration_id"], base.about["source_id"], name, base.target.kind

@@ -18,17 +18,8 @@ import numpy as np
 from upplied.catalog import Catalog
 from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
-from upplied.findings.counterparts import (
-    FARTHEST,
-    Carried,
-    CarriedGroup,
-    Counterparts,
-    Near,
-    about,
-    carried_spots,
-    nowhere,
-    themselves,
-)
+from upplied.findings import counterparts
+from upplied.findings.counterparts import Carried, CarriedGroup, Counterparts, Near
 from upplied.findings.looks import Spot, off_surface
 from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
@@ -47,11 +38,7 @@ _FEW, _MANY = 10, 50  # structures whose samples are read one by one, and at onc
 class Carrying:
     """Spots carried from a structure to others; correspondences are remembered by the catalog's cache.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    progress : callable, optional
-        Called with the names of each two structures that are studied since nothing of them is remembered.
+    `progress` is called with the names of each two structures that are studied, where none is remembered.
     """
 
     def __init__(self, catalog: Catalog, progress: Callable[[str], object] = lambda _: None) -> None:
@@ -66,13 +53,7 @@ class Carrying:
         self._demonstrated = set(catalog.demonstrations()["structure_id"])
 
     def targets(self, source_id: str, to: str = "kind") -> list[str]:
-        """The other structures of a source's kind, or those of ids that are listed with commas.
-
-        Raises
-        ------
-        RefusedError
-            If one is of another kind.
-        """
+        """The other structures of a source's kind, or those of ids with commas, which must be of it."""
         kind = self.kinds.get(source_id, "")
         if to == "kind":
             return [name for name in self.members(kind) if name != source_id]
@@ -88,26 +69,14 @@ class Carrying:
         return sorted(name for name, other in self.kinds.items() if other == kind)
 
     def reference(self, kind: str) -> str:
-        """The structure of a kind that is the map for all: the first that was demonstrated, else the first.
-
-        Raises
-        ------
-        CatalogError
-            If the kind has no structure.
-        """
+        """The structure of a kind that is the map for all: the first that was demonstrated, else of all."""
         members = self.members(kind)
         if not members:
             raise CatalogError(f"kind {kind}", "has no structure", "one at least")
         return min(self._demonstrated.intersection(members), default=members[0])
 
     def study(self, kind: str) -> list[str]:
-        """Remember the correspondences of a kind's structures with their map: questions then only read.
-
-        Returns
-        -------
-        list of str
-            Why there is none, in words.
-        """
+        """Remember how a kind's structures correspond to their map, or say why not: questions only read."""
         reference, problems = self.reference(kind), []
         for name in self.targets(reference):
             try:
@@ -127,7 +96,7 @@ class Carrying:
         source_id = spots[0].structure_id
         off = off_surface(self.catalog, spots, self._sha256[source_id])
         places = np.array([[*spot.place, *spot.normal] for spot in spots])
-        here = themselves(places, off, self._size_m[source_id])
+        here = counterparts.themselves(places, off, self._size_m[source_id])
         reference = self.reference(self.kinds[source_id])
         on_map = here
         if source_id != reference and set(names) != {source_id}:
@@ -140,7 +109,7 @@ class Carrying:
             try:
                 known[name] = self._continued(on_map, self.carried(reference, name), reference, [name])
             except RefusedError:  # nothing of it corresponds
-                known[name] = nowhere(len(spots))
+                known[name] = counterparts.nowhere(len(spots))
         return [known[name] for name in names]
 
     def _on_many(self, on_map: Counterparts, reference: str, names: set[str]) -> dict[str, Counterparts]:
@@ -158,9 +127,8 @@ class Carrying:
 
     def _groups(self, reference: str, names: set[str]) -> Iterator[CarriedGroup]:
         """Those groups of a kind's structures, in the order they were added, that hold some of these."""
-        others = [
-            name for name, kind in self.kinds.items() if kind == self.kinds[reference] and name != reference
-        ]
+        kinds = self.kinds
+        others = [name for name in kinds if kinds[name] == kinds[reference] and name != reference]
         for start in range(0, len(others), _MANY):
             some = others[start : start + _MANY]
 
@@ -189,7 +157,7 @@ class Carrying:
         reference, settings = self.reference(self.kinds[target_id]), self._settings_of(target_id)
         on_map, first = self.everywhere([spot], [reference, target_id])
         carried = self.carried(reference, target_id)
-        near = about(on_map.spots, carried.point, carried.normal, carried.step_m)
+        near = counterparts.about(on_map.spots, carried.point, carried.normal, carried.step_m)
         mine = int(carried.own_part[near.samples[0, 0]])
         with one_thread():
             pair = self._pair(reference, target_id, settings)[0]
@@ -229,30 +197,25 @@ class Carrying:
         return self.remembered("carried-both-ways", Carried, key, carried)
 
     def _continued(
-        self,
-        spots: Counterparts,
-        carried: Carried,
-        source_id: str,
-        target_ids: Sequence[str],
+        self, spots: Counterparts, carried: Carried, source: str, names: Sequence[str],
         near: Near | None = None,
-    ) -> Counterparts:
+    ) -> Counterparts:  # fmt: skip
         """Counterparts on one structure carried on to others, as many on each: the larger error counts.
 
         Errors have long tails, so that both are seldom large, and what the two correspondences have in common
         cancels: 97 % of such places lie within it (bench/findings.py).
         """
-        sizes_m = np.array([self._size_m[name] for name in target_ids])
-        size_m = np.repeat(sizes_m, len(spots) // len(target_ids))
-        there = carried_spots(spots.spots, carried, size_m, near)
+        size_m = np.repeat([self._size_m[name] for name in names], len(spots) // len(names))
+        there = counterparts.carried_spots(spots.spots, carried, size_m, near)
         lost = ~np.isfinite(spots.place[:, :1])
-        error = np.maximum(there.error_m, size_m / self._size_m[source_id] * spots.error_m)
+        error = np.maximum(there.error_m, size_m / self._size_m[source] * spots.error_m)
         return replace(
             there,
             place=np.where(lost, np.nan, there.place),
             turn=there.turn @ spots.turn,
             probability=there.probability * spots.probability,
             error_m=error,
-            doubtful=spots.doubtful | there.doubtful | lost[:, 0] | (error > FARTHEST * size_m),
+            doubtful=spots.doubtful | there.doubtful | lost[:, 0] | (error > counterparts.FARTHEST * size_m),
         )
 
     def _settings_of(self, structure_id: str) -> Settings:

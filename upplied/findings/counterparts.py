@@ -1,10 +1,8 @@
 """Places of one structure on another: carried as the samples about them, with how far off they may be."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -50,7 +48,7 @@ class Counterparts(Rows):
 
 
 def carried_spots(
-    spots: Floats, carried: Carried, size_m: float | Floats, near: Near | None = None
+    spots: Floats, carried: "Carried", size_m: float | Floats, near: "Near | None" = None
 ) -> Counterparts:
     """Places with normals (N, 6), carried as the samples about them onto a structure, or N, of that size, m.
 
@@ -91,10 +89,8 @@ def carried_spots(
 
 def themselves(places: Floats, error_m: Floats, size_m: float) -> Counterparts:
     """Places of a structure on itself, off by that much."""
-    count = len(places)
-    turn = np.repeat(np.eye(3)[None], count, axis=0)
-    doubtful = error_m > FARTHEST * size_m
-    part = np.full(count, -1, np.int64)
+    count, doubtful = len(places), error_m > FARTHEST * size_m
+    part, turn = np.full(count, -1, np.int64), np.repeat(np.eye(3)[None], count, axis=0)
     return Counterparts(part, places[:, :3], places[:, 3:], turn, np.ones(count), error_m, doubtful)
 
 
@@ -145,19 +141,12 @@ class Carried(Record):
         there = np.isfinite(self.place[:, 0])
         stretch = np.abs(np.linalg.det(self.linear)) ** (1 / 3)
         scale = stretch[self.map[there]]
-        return replace(
-            self,
-            point=self.place[there],
-            normal=self.towards[there],
-            own_part=self.part[there],
-            part=self.own_part[there],
-            place=self.point[there],
-            towards=self.normal[there],
-            error_m=self.error_m[there] / scale,
-            map=self.map[there],
-            linear=np.asarray(np.linalg.inv(self.linear), np.float64),
-            step_m=self.step_m * float(np.median(scale)) if there.any() else self.step_m,
-        )
+        turned = {"point": "place", "normal": "towards", "own_part": "part", "map": "map"}
+        turned |= {other: name for name, other in turned.items()}
+        columns: dict[str, Any] = {name: getattr(self, other)[there] for name, other in turned.items()}
+        columns["linear"] = np.asarray(np.linalg.inv(self.linear), np.float64)
+        step_m = self.step_m * float(np.median(scale)) if there.any() else self.step_m
+        return replace(self, **columns, error_m=self.error_m[there] / scale, step_m=step_m)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,9 +190,8 @@ def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near
     Of spots that have no place they are any.
     """
     spots = np.nan_to_num(spots)
-    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(
-        with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
-    )[1]
+    wanted = with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
+    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(wanted)[1]
     others = _tree(points).query(spots[:, :3], min(1 + _NEIGHBOURS, len(points)))[1].reshape(len(spots), -1)
     samples = np.column_stack([nearest, others])
     away = np.linalg.norm(spots[:, None, :3] - points[samples], axis=2)

@@ -1,7 +1,5 @@
 """Crops of photos at a spot, warped by the surface into one view and scale, side by side on a page."""
 
-from __future__ import annotations
-
 import hashlib
 import html
 from collections.abc import Sequence
@@ -40,30 +38,13 @@ figure,img{{width:{width}px}} figcaption{{font-size:13px}}</style></head>
 
 
 def write_crops(
-    folder: Path,
-    title: str,
-    looks: Sequence[Look],
-    spot: Spot,
-    structure: Structure,
+    folder: Path, title: str, looks: Sequence[Look], spot: Spot, structure: Structure,
     photos: Path | None = None,
-) -> tuple[Path, list[str]]:
+) -> tuple[Path, list[str]]:  # fmt: skip
     """Write the crops of looks that have a photo, and a page that shows them side by side.
 
-    Parameters
-    ----------
-    folder : path
-        Made where it does not exist.
-    title : str
-    looks : sequence of Look
-    spot : Spot
-    structure : Structure
-    photos : path, optional
-        A folder where photos are looked for that are not where they were.
-
-    Returns
-    -------
-    tuple
-        The page, and the photos that are missing or changed, in words.
+    Photos that are not where they were are looked for in the folder `photos`. Returned are the page, and the
+    photos that are missing or changed, in words.
     """
     shown = [look for look in looks if look.row["photo"]][:_MOST]
     finest = min((look.row["mm_px"] for look in shown), default=1.0)
@@ -81,12 +62,9 @@ def write_crops(
         figures.append(_figure(name, look.row, sharpness(crop)))
     scale = 1e3 * wide_m / grid.shape[1]
     about = f"Each picture is {wide_m:.2f} m wide, {scale:.2f} mm a pixel, seen along the normal."
-    text = _PAGE.format(
-        title=html.escape(title[:1].upper() + title[1:]),
-        width=max(grid.shape[1], _SHOWN_PX),
-        about=html.escape(about),
-        body="".join(figures) or "No photo.",
-    )
+    body, width = "".join(figures) or "No photo.", max(grid.shape[1], _SHOWN_PX)
+    title = html.escape(title[:1].upper() + title[1:])
+    text = _PAGE.format(title=title, width=width, about=about, body=body)
     return replace_file(folder / "index.html", text), missing
 
 

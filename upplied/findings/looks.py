@@ -5,8 +5,6 @@ is taken to record all the time, and its finest look is listed. No pose is known
 some of the possible poses have, as at the edge of a picture, is listed as doubtful, with the reason.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -36,6 +34,7 @@ _DRAWS = np.random.default_rng(0).normal(size=(64, 6))  # of a pose that may be 
 _SURE, _PERHAPS = 0.95, 0.03  # share of the draws that show a place: certainly, and not at all below
 _MARGIN_DEG, _FARTHER = 5.0, 1.2  # about the picture and its range, within which a place may be in it
 _REASONS = ("edge of the picture", "incidence", "range", "occlusion")
+_PHOTO = {"photo": "name", "path": "path", "sha256": "sha256"}  # columns of looks, and of photos
 
 COLUMNS = (
     "flight_id", "kind", "taken_at", "t_s", "photo", "path", "sha256", "distance_m", "incidence_deg", "mm_px",
@@ -80,9 +79,8 @@ def spot_at(
 def spot_of(row: dict[str, Any]) -> Spot:
     """The spot of a finding's row: what was marked, and about it as far as the place may be off."""
     place, normal = np.array([row["x_m"], row["y_m"], row["z_m"]]), np.array(json.loads(row["normal_json"]))
-    error, t_s = (
-        0.0 if pd.isna(row.get(name)) else float(row[name]) for name in ("place_error_m", "photo_s")
-    )
+    known = (0.0 if pd.isna(row.get(name)) else row[name] for name in ("place_error_m", "photo_s"))
+    error, t_s = map(float, known)
     corners = np.concatenate([outline_of(row), _around(place, normal, max(_LEAST_M, error))])
     about = str(row.get("structure_sha256") or ""), error, (str(row.get("flight_id") or ""), t_s)
     return Spot(str(row["target_id"]), place, normal, corners, *about)
@@ -102,12 +100,7 @@ def off_surface(catalog: Catalog, spots: Sequence[Spot], sha256: str) -> Floats:
 def looks_at_spot(catalog: Catalog, spot: Spot, kinds: Collection[str] = FLOWN) -> list[Look]:
     """Every look at a spot, flight by flight in the order of flying; certain ones first, the finest first.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    spot : Spot
-    kinds : collection of str
-        Of flights: ``demonstration``, ``flown`` and ``simulated``.
+    Kinds of flights are ``demonstration``, ``flown`` and ``simulated``.
     """
     photos = catalog.flight_photos(structure=spot.structure_id)
     scene = scene_of(catalog.structure(spot.structure_id))
@@ -200,9 +193,7 @@ def _look(flight: Flown, spot: Spot, scene: Scene, pose: Trajectory, photo: dict
         "kind": flight.kind,
         "taken_at": flight.moment(t_s),
         "t_s": t_s,
-        "photo": str(photo.get("name", "")),
-        "path": str(photo.get("path", "")),
-        "sha256": str(photo.get("sha256", "")),
+        **{key: str(photo.get(name, "")) for key, name in _PHOTO.items()},
         "distance_m": distance,
         "incidence_deg": float(np.degrees(np.arccos(np.clip(-(ray @ spot.normal) / distance, -1, 1)))),
         "mm_px": 1e3 * footprint_m(camera, position, spot.place, spot.normal),

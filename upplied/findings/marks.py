@@ -1,8 +1,7 @@
 """Marks in photos, as people and detectors write them: COCO JSON, CSV and GeoJSON."""
 
-from __future__ import annotations
-
 import csv
+import hashlib
 import io
 import json
 import math
@@ -21,6 +20,9 @@ _MOST_BYTES = 256 << 20
 _MOST_MARKS = 200_000
 _MOST_CORNERS = 10_000
 _RULE = "COCO JSON, GeoJSON with photo names and pixels, or a CSV with the columns photo, x_px and y_px"
+# Fields of `Mark`, and what files call them.
+_WORDS = {"class_name": "class"} | {it: it for it in ("photo", "structure", "flight", "severity", "note")}
+Pixels = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Mark:
 
     what: str  # what messages call it
     photo: str = ""  # name or path; empty: by flight and time
-    pixels: tuple[tuple[float, float], ...] = ()  # a point, or corners in order
+    pixels: Pixels = ()  # a point, or corners in order
     place: tuple[float, float, float] | None = None  # m, frame of the structure
     structure: str = ""
     flight: str = ""
@@ -55,15 +57,7 @@ def box_corners(x: float, y: float, width: float, height: float) -> tuple[tuple[
 
 
 def read_marks(path: Path) -> list[Mark]:
-    """The marks of a file.
-
-    Raises
-    ------
-    InputError
-        If it is of no known form, or too large. Faults of a single mark are reported when it is placed.
-    """
-    import hashlib
-
+    """The marks of a file of a known form and size; faults of a single mark are told when it is placed."""
     data, marks = read_regular(path, _MOST_BYTES), list[Mark]()
     about = {"file": str(path), "file_sha256": hashlib.sha256(data).hexdigest()}
     try:
@@ -95,9 +89,8 @@ def _coco(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> I
         size = int(image.get("width") or 0), int(image.get("height") or 0)
         stated = {"photo": image["file_name"], "class": names.get(one.get("category_id"), "")}
         stated |= {name: one.get(name) for name in ("severity", "note")}
-        yield _mark(
-            f"{path.name}, annotation {one.get('id', '?')!a:.40}", stated, about, pixels, size_px=size
-        )
+        what = f"{path.name}, annotation {one.get('id', '?')!a:.40}"
+        yield _mark(what, stated, about, pixels, size_px=size)
 
 
 def _geojson(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> Iterator[Mark]:
@@ -110,9 +103,8 @@ def _geojson(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -
             places = [places]
         elif shape["type"] not in ("LineString", "MultiPoint"):
             raise ValueError(f"geometry {shape['type']!a:.40}")
-        stated["photo"] = next(
-            (stated[name] for name in ("photo", "file_name", "image") if stated.get(name)), ""
-        )
+        names = (stated.get(name) for name in ("photo", "file_name", "image"))
+        stated["photo"] = next(filter(None, names), "")
         pixels = corners_of([value for place in places for value in place[:2]])
         yield _mark(f"{path.name}, feature {number}", stated, about, pixels)
 
@@ -125,7 +117,7 @@ def _csv(path: Path, text: str, about: Mapping[str, str]) -> Iterator[Mark]:
         raise ValueError(f"columns {', '.join(sorted(map(str, known)))!a:.200}")
     for number, line in enumerate(lines, 2):
         place: tuple[float, float, float] | None = None
-        pixels: tuple[tuple[float, float], ...] = ()
+        pixels: Pixels = ()
         if line.get("x_m"):
             place = float(line["x_m"]), float(line["y_m"]), float(line["z_m"])
         elif line.get("outline_px"):
@@ -138,35 +130,22 @@ def _csv(path: Path, text: str, about: Mapping[str, str]) -> Iterator[Mark]:
         yield _mark(f"{path.name}, line {number}", line, about, pixels, place=place)
 
 
-def _mark(
-    what: str,
-    stated: Mapping[str, Any],
-    about: Mapping[str, str],
-    pixels: tuple[tuple[float, float], ...],
-    **more: Any,
-) -> Mark:
-    words: dict[str, Any] = {
-        name: _text(stated.get(name)) for name in ("photo", "structure", "flight", "severity", "note")
-    }
+def _mark(what: str, stated: Mapping[str, Any], about: Mapping[str, str], pixels: Pixels, **own: Any) -> Mark:
+    texts = ("" if stated.get(name) is None else str(stated[name]).strip() for name in _WORDS.values())
+    words: dict[str, Any] = dict(zip(_WORDS, texts, strict=True))
     t_s = float(stated["t_s"]) if stated.get("t_s") not in (None, "") else None
-    words |= {"class_name": _text(stated.get("class")), **about, **more}
-    return Mark(what, pixels=pixels, t_s=t_s, **words)
+    return Mark(what, pixels=pixels, t_s=t_s, **(words | dict(about) | own))
 
 
-def corners_of(flat: Any) -> tuple[tuple[float, float], ...]:
+def corners_of(flat: Any) -> Pixels:
     values = [float(value) for value in flat]
     if not 2 <= len(values) <= 2 * _MOST_CORNERS or len(values) % 2:
-        raise ValueError(
-            f"an outline has {len(values)} numbers; state x and y of each corner, of {_MOST_CORNERS} at most"
-        )
+        rule = f"state x and y of each corner, of {_MOST_CORNERS} at most"
+        raise ValueError(f"an outline has {len(values)} numbers; {rule}")
     return _finite(tuple(zip(values[::2], values[1::2], strict=True)))
 
 
-def _finite(pixels: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+def _finite(pixels: Pixels) -> Pixels:
     if not all(math.isfinite(value) for pair in pixels for value in pair):
         raise ValueError("a pixel that is not a number")
     return pixels
-
-
-def _text(value: Any) -> str:
-    return "" if value is None else str(value).strip()

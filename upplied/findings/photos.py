@@ -1,7 +1,5 @@
 """Flights as their photos show a structure: path, camera, and which photo was taken when."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
@@ -17,7 +15,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import camera_of
-from upplied.catalog.verbs.findings import check_text
+from upplied.catalog.verbs.roster import check_text
 from upplied.config import digest
 from upplied.errors import CatalogError, InputError, RefusedError, UppliedError
 from upplied.findings.rays import focal_of
@@ -71,13 +69,7 @@ def flights_round(catalog: Catalog, structure_id: str, kinds: Collection[str]) -
 
 
 def flight_of(catalog: Catalog, start: str) -> Flown:
-    """The flight whose id begins so, or the demonstration of that id.
-
-    Raises
-    ------
-    CatalogError
-        If there is none, or more than one.
-    """
+    """The one flight whose id begins so, or the demonstration of that id."""
     if start in set(catalog.demonstrations()["demonstration_id"]):
         return _demonstrated(catalog, start)
     rows = catalog.flights()
@@ -110,38 +102,15 @@ def _of_row(catalog: Catalog, row: dict[Any, Any], cameras: dict[str, Camera]) -
 
 
 def register_photos(
-    catalog: Catalog,
-    flight: Flown,
-    folder: Path,
-    times: Path | None = None,
-    clock_s: float = 0.0,
+    catalog: Catalog, flight: Flown, folder: Path, times: Path | None = None, clock_s: float = 0.0,
     by: str = "",
-) -> tuple[int, list[str]]:
+) -> tuple[int, list[str]]:  # fmt: skip
     """Register the photos of a flight by name, hash and time; they stay where they are.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    flight : Flown
-    folder : path
-        Of the photos.
-    times : path, optional
-        A CSV with the columns ``name`` and ``t_ns`` (the log's clock) or ``t_s`` (from the first pose).
-        Without it the time of each photo is that in its head, and where there is none, the photos of a
-        demonstration of photos are its poses in the order of their names.
-    clock_s : float
-        Added to the times in the photos' heads: what the camera's clock was behind the log's.
-    by : str
-
-    Returns
-    -------
-    tuple
-        How many were new, and which were refused, in words.
-
-    Raises
-    ------
-    InputError
-        If the folder holds no photo, or the times cannot be read.
+    `times` is a CSV with the columns ``name`` and ``t_ns`` (log's clock) or ``t_s`` (from the first pose).
+    Without it the time of each photo is that in its head, with `clock_s` added (what the camera's clock was
+    behind the log's), and where there is none, the photos of a demonstration of photos are its poses in the
+    order of their names. Returned are how many were new, and which were refused, in words.
     """
     if not folder.is_dir():
         raise InputError(str(folder), "is no folder", "the folder of the photos", "check the path")
@@ -190,17 +159,10 @@ def _photo_row(
 
         with contextlib.suppress(InputError):  # of one that cannot be read here, as a raw one
             size = size_of(data, str(path))
-    return {
-        "photo_id": digest([flight.flight_id, sha256, round(t_s, 3)]),
-        "flight_id": flight.flight_id,
-        "target_id": flight.target_id,
-        "name": path.name,
-        "path": str(path.resolve()),
-        "sha256": sha256,
-        "t_s": t_s,
-        "width_px": size[0],
-        "height_px": size[1],
-    }
+    own = {"flight_id": flight.flight_id, "target_id": flight.target_id, "sha256": sha256, "t_s": t_s}
+    own |= {"photo_id": digest([flight.flight_id, sha256, round(t_s, 3)])}
+    own |= {"name": path.name, "path": str(path.resolve())}
+    return own | dict(zip(("width_px", "height_px"), size, strict=True))
 
 
 def _stated(path: Path, flight: Flown) -> dict[str, float]:
@@ -209,10 +171,10 @@ def _stated(path: Path, flight: Flown) -> dict[str, float]:
         text = read_regular(path, 64 << 20).decode("utf-8-sig")
         lines = list(csv.DictReader(io.StringIO(text)))[: _MOST_PHOTOS + 1]
         began = 0 if flight.began is None else flight.began.value
-        times_s = {
-            line["name"]: (int(line["t_ns"]) - began) * 1e-9 if line.get("t_ns") else float(line["t_s"])
-            for line in lines
-        }
+        times_s = {}
+        for line in lines:
+            since = (int(line["t_ns"]) - began) * 1e-9 if line.get("t_ns") else float(line["t_s"])
+            times_s[line["name"]] = since
     except (UnicodeDecodeError, csv.Error, KeyError, TypeError, ValueError) as error:
         raise InputError(str(path), f"cannot be read: {error}", rule) from None
     if not times_s:
@@ -221,13 +183,7 @@ def _stated(path: Path, flight: Flown) -> dict[str, float]:
 
 
 def registered(catalog: Catalog, photo: str, flight_id: str = "") -> dict[str, Any]:
-    """The row of the one registered photo of a name, or of a path's name and bytes.
-
-    Raises
-    ------
-    RefusedError
-        If it is of no known flight, or of several.
-    """
+    """The row of the one registered photo of a name, or of a path's name and bytes."""
     name = Path(photo).name
     rows = catalog.flight_photos()
     rows = rows[rows["name"] == name]
@@ -254,21 +210,15 @@ def size_of_photo(photo: dict[Any, Any], otherwise: tuple[int, int] = (0, 0)) ->
 
 
 def with_size(camera: Camera, width_px: int, height_px: int, what: str) -> Camera:
-    """The camera with the pixels of a photo; its own where the photo's are not known.
-
-    Raises
-    ------
-    RefusedError
-        If neither is known, or the photo has other proportions than the camera.
-    """
+    """The camera with the pixels of a photo, of like proportions; its own where the photo's are not known."""
     width, height = width_px or camera.width_px, height_px or camera.height_px
+    remedy = "state the camera in the side-car of the log"
     if not (width and height):
-        remedy = "state the camera in the side-car of the log"
         raise RefusedError(what, "the pixels of its camera are not known", "width and height, px", remedy)
     sized = replace(camera, width_px=width, height_px=height)
     across, down = focal_of(sized)
     if abs(down / across - 1) > _SAME_SHAPE and (camera.hfov_deg <= 120 or camera.lens is not None):
         fov = f"the camera of the flight sees {camera.hfov_deg:.1f} x {camera.vfov_deg:.1f} deg"
         fault, rule = f"has {width} x {height} px, {fov}", "the same proportions"
-        raise RefusedError(what, fault, rule, "state the camera in the side-car of the log")
+        raise RefusedError(what, fault, rule, remedy)
     return sized

@@ -4,9 +4,7 @@ Camera position, attitude, pixel and surface are drawn at random many times, and
 cast on the structure: edges and oblique surfaces count with the error that they truly cause.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -60,8 +58,6 @@ class Located(Record):
 
 @dataclass(frozen=True)
 class _View:
-    """A photo of a structure."""
-
     scene: Scene
     camera: Camera
     position: Floats  # (3,) m
@@ -69,34 +65,14 @@ class _View:
 
 
 def located(
-    what: str,
-    scene: Scene,
-    camera: Camera,
-    position: Floats,
-    quat_xyzw: Floats,
-    pixels: Floats,
+    what: str, scene: Scene, camera: Camera, position: Floats, quat_xyzw: Floats, pixels: Floats,
     errors: Errors,
-) -> Located:
-    """Cast a mark of a photo on a structure.
+) -> Located:  # fmt: skip
+    """Cast a mark of a photo on a structure; refused if it misses it, or looks at it too obliquely.
 
-    Parameters
-    ----------
-    what : str
-        What messages call it.
-    scene : Scene
-        Of the structure, as it was scanned or drawn.
-    camera : Camera
-        With the pixels of the photo.
-    position, quat_xyzw : array, shape (3,) m and (4,)
-        Of the camera, structure frame.
-    pixels : array, shape (K, 2), px
-        A point, or the corners of an outline in order.
-    errors : Errors
-
-    Raises
-    ------
-    RefusedError
-        If it misses the structure, or looks at it too obliquely.
+    Messages call it `what`. The scene is of the structure as it was scanned or drawn, and the camera has the
+    pixels of the photo, with its position (3,), m, and orientation (4,) in the structure's frame. The pixels
+    (K, 2) are a point, or the corners of an outline in order.
     """
     corners = _densified(pixels)
     middle = np.asarray(_centroid(corners))
@@ -122,25 +98,17 @@ def located(
         fault = f"looks at the surface at {incidence:.0f} degrees from its normal"
         remedy = "mark it in a photo that looks more frontally"
         raise RefusedError(what, fault, f"at most {_GRAZING_DEG:g} degrees", remedy)
-    alone = Errors(0.0, 0.0, 0.0, 0.0)
-    parts = (
-        errors,
-        replace(alone, pose_m=errors.pose_m, attitude_deg=errors.attitude_deg),
-        replace(alone, pixel_px=errors.pixel_px),
-        replace(alone, mesh_m=errors.mesh_m),
-    )
+    pose, pixel = Errors(errors.pose_m, errors.attitude_deg, 0.0, 0.0), Errors(0.0, 0.0, errors.pixel_px, 0.0)
+    parts = errors, pose, pixel, Errors(0.0, 0.0, 0.0, errors.mesh_m)
     from scipy.stats import norm, qmc  # a quarter of a second, which no page waits for
 
     noise = norm.ppf(qmc.Sobol(9, rng=0).random(_DRAWS))
     view = _View(scene, camera, position, turn)
-    whole, pose, pixel, mesh = (_error_m(view, middle, place, part, noise) for part in parts)
-    outline = place[None]
-    if len(corners) > 1:
-        outline = position + (reach[1:, None] * rays[1:])[hit[1:]]
+    whole_m, pose_m, pixel_m, mesh_m = (_error_m(view, middle, place, part, noise) for part in parts)
+    outline = position + (reach[1:, None] * rays[1:])[hit[1:]] if len(corners) > 1 else place[None]
     size = _sized(view, aims[hit], outline, errors, noise)
-    fine = 1e3 * footprint_m(camera, position, place, normal)
-    looked = float(reach[0]), incidence, fine
-    return Located(place, normal, outline, *looked, whole, pose, pixel, mesh, *size)
+    looked = float(reach[0]), incidence, 1e3 * footprint_m(camera, position, place, normal)
+    return Located(place, normal, outline, *looked, whole_m, pose_m, pixel_m, mesh_m, *size)
 
 
 def _drawn(view: _View, pixels: Floats, errors: Errors, noise: Floats) -> tuple[Floats, Floats]:
@@ -198,11 +166,9 @@ def _sized(
         return length, length, area, area
     # A surface that is nearer or farther shows a mark smaller or larger, by as much as its distance.
     nearer = 1 + errors.mesh_m / _WITHIN_1D * noise[whole, 8] / max(float(reach[whole].min()), 1e-6)
-    off = (
-        np.abs(nearer * [_length(each) for each in drawn] - length),
-        np.abs(nearer**2 * [_area(each) for each in drawn] - area),
-    )
-    return length, float(np.percentile(off[0], 95)), area, float(np.percentile(off[1], 95))
+    longer = np.abs(nearer * [_length(each) for each in drawn] - length)
+    larger = np.abs(nearer**2 * [_area(each) for each in drawn] - area)
+    return length, float(np.percentile(longer, 95)), area, float(np.percentile(larger, 95))
 
 
 def _length(outline: Floats) -> float:

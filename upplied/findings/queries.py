@@ -1,7 +1,5 @@
 """Questions over the whole fleet: where a place was photographed, and findings by place on one structure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -27,19 +25,13 @@ _FLIGHTS = 100  # whose looks are read at once; in the order they were added: on
 
 
 def photographed(
-    catalog: Catalog,
-    of: Spot | dict[str, Any],
-    to: str = "kind",
-    mm_px: float = np.inf,
-    since: When | None = None,
-    every: bool = False,
-    carrying: Carrying | None = None,
-) -> pd.DataFrame:
+    catalog: Catalog, of: Spot | dict[str, Any], to: str = "kind", mm_px: float = np.inf,
+    since: When | None = None, every: bool = False, carrying: Carrying | None = None,
+) -> pd.DataFrame:  # fmt: skip
     """How a place was last seen on each structure of a kind, by demonstrations and flights really flown.
 
     Parameters
     ----------
-    catalog : Catalog
     of : Spot or dict
         The place on one of them, or a row of `findings`.
     to : str
@@ -50,7 +42,6 @@ def photographed(
         Looks before that moment do not count.
     every : bool
         Each part of a structure that is like the place's own as well: a row each.
-    carrying : Carrying, optional
 
     Returns
     -------
@@ -99,32 +90,22 @@ def _looks(catalog: Catalog, places: Sequence[tuple[str, Counterparts]]) -> list
         looks[at].append(look | {"mm_px": 1e3 * look.pop("sampled_m") / pixels})
     for at, (name, spot) in known.items():
         if name in demonstrated:
-            looks[at] += _demonstrated(catalog, Spot(name, spot[:3], spot[3:], places[at][1].place))
+            there = Spot(name, spot[:3], spot[3:], places[at][1].place)
+            finest = looks_frame(looks_at_spot(catalog, there, ("demonstration",)))
+            finest = finest[finest["doubt"] == ""].drop_duplicates("flight_id")
+            finest = finest.rename(columns={"taken_at": "looked_at"})
+            looks[at] += finest[["looked_at", "flight_id", "mm_px", "incidence_deg"]].to_dict("records")
     return looks
 
 
 def by_reference(
-    catalog: Catalog,
-    reference_id: str,
-    *,
-    class_name: str | None = None,
-    state: str | None = None,
+    catalog: Catalog, reference_id: str, *, class_name: str | None = None, state: str | None = None,
     carrying: Carrying | None = None,
-) -> pd.DataFrame:
+) -> pd.DataFrame:  # fmt: skip
     """The findings of a kind with their places on one structure of it, the map for all.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    reference_id : str
-    class_name, state : str, optional
-    carrying : Carrying, optional
-
-    Returns
-    -------
-    DataFrame
-        As `Catalog.findings`, with `reference_x_m`, `reference_y_m`, `reference_z_m` (NaN where there is no
-        counterpart), `reference_probability`, `reference_error_m` and `reference_doubtful`.
+    They are as `Catalog.findings`, with `reference_x_m`, `reference_y_m`, `reference_z_m` (NaN where there is
+    no counterpart), `reference_probability`, `reference_error_m` and `reference_doubtful`.
     """
     carrying = carrying or Carrying(catalog)
     if reference_id not in carrying.kinds:
@@ -173,16 +154,9 @@ def study_kinds(catalog: Catalog) -> list[str]:
     for kind in sorted(set(catalog.findings()["kind"]).intersection(carrying.kinds.values())):
         problems += carrying.study(kind)
         by_reference(catalog, carrying.reference(kind), carrying=carrying)
-    remember_looks(catalog)
+    for some in _groups(catalog):
+        _remembered(catalog, some["looks_sha256"].tolist())
     return problems
-
-
-def _demonstrated(catalog: Catalog, spot: Spot) -> list[dict[str, Any]]:
-    """The finest look of each demonstration at a spot."""
-    finest = looks_frame(looks_at_spot(catalog, spot, ("demonstration",)))
-    finest = finest[finest["doubt"] == ""].drop_duplicates("flight_id")
-    about = {"taken_at": "looked_at", **{name: name for name in ("flight_id", "mm_px", "incidence_deg")}}
-    return [{about[name]: row[name] for name in about} for row in finest.to_dict("records")]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,19 +172,10 @@ class _Looks(Record):
 def flown_looks(
     catalog: Catalog, spots: Mapping[int, tuple[str, Floats]]
 ) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The finest look of each flown flight at places of its structure.
+    """The finest look of each flown flight at places of its structure, with the number of the place.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    spots : mapping
-        By a number, a structure and a place on it, m, with the normal there, (6,).
-
-    Yields
-    ------
-    tuple
-        The number of the place, and the look: `looked_at`, `flight_id`, `demonstration_id`, `sampled_m` and
-        `incidence_deg`.
+    Spots are by a number: a structure and a place on it, m, with the normal there, (6,). A look has
+    `looked_at`, `flight_id`, `demonstration_id`, `sampled_m` and `incidence_deg`.
     """
     numbers: dict[str, list[int]] = {}
     for number, (name, _) in spots.items():
@@ -230,12 +195,6 @@ def flown_looks(
                     flight = {name: row[name] for name in _OF_FLIGHT}
                     look = {name: float(getattr(looks, name)[nearest]) for name in _OF_LOOK}
                     yield number, {"looked_at": row["flown_at"], **flight, **look}
-
-
-def remember_looks(catalog: Catalog) -> None:
-    """Remember the looks of all flown flights as they are read."""
-    for some in _groups(catalog):
-        _remembered(catalog, some["looks_sha256"].tolist())
 
 
 def _groups(catalog: Catalog) -> list[pd.DataFrame]:

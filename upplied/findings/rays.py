@@ -5,8 +5,6 @@ Pixels are counted from the upper left corner of the picture, x to the right and
 angles grow evenly. A lens has one of OpenCV's models (Brown and Conrady, or Kannala and Brandt).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -118,10 +116,8 @@ def _undistorted(lens: Lens, shown: Floats) -> Floats:
     """The inverse, by Newton's method; NaN where the lens shows nothing."""
     off, reach = shown.copy(), _reach(lens)
     for _ in range(_ROUNDS):
-        slopes = [
-            (_distorted(lens, off + step) - _distorted(lens, off - step)) / 2e-6 for step in 1e-6 * np.eye(2)
-        ]
-        (a, c), (b, d) = (np.moveaxis(slope, -1, 0) for slope in slopes)
+        ends = ([_distorted(lens, off + end * step) for end in (1, -1)] for step in 1e-6 * np.eye(2))
+        (a, c), (b, d) = (np.moveaxis((high - low) / 2e-6, -1, 0) for high, low in ends)
         x, y = np.moveaxis(shown - _distorted(lens, off), -1, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             off = off + np.stack([d * x - b * y, a * y - c * x], axis=-1) / (a * d - b * c)[..., None]

@@ -1,7 +1,5 @@
 """A mission that shows findings from the views of their photos, and finely enough: a draft like any plan."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from upplied import records
 from upplied.catalog import Catalog, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.config import CloudSettings, Settings, digest
@@ -30,17 +29,7 @@ from upplied.planning.plan import METHOD_VERSION
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.tour import Toured, toured
 from upplied.provenance import method, recorded
-from upplied.records import (
-    Camera,
-    Cloud,
-    Ints,
-    Measures,
-    Plan,
-    Registration,
-    Structure,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.records import Camera, Cloud, Ints, Structure, Trajectory
 
 _SHOWN = 1  # of SURFACE_STATES
 _FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m",
@@ -66,7 +55,7 @@ class Base:
 class Reshot:
     """The result of planning a mission."""
 
-    plan: Plan
+    plan: records.Plan
     shown: tuple[str, ...]  # findings
     refused: tuple[str, ...]  # in words
     words: tuple[str, ...]  # what a pilot should know
@@ -76,20 +65,8 @@ class Reshot:
 def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id: str, mm_px: float) -> Reshot:
     """Plan a mission that shows the places of findings on a structure, and keep it as a draft.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    rows : sequence of dict
-        Of `findings`, of structures of one kind.
-    structure_id : str
-        That is flown to.
-    mm_px : float
-        The largest ground sample distance of each look, mm.
-
-    Raises
-    ------
-    RefusedError
-        If no finding can be shown so by a safe flight; nothing is stored then.
+    It is refused, and nothing stored, if no finding can be shown so by a safe flight. Rows are of `findings`,
+    of structures of one kind; `mm_px` is the largest ground sample distance of each look, mm.
     """
     if not (rows and 0 < mm_px < np.inf):
         request = f"{len(rows)} findings at {mm_px:g} mm/px"
@@ -145,50 +122,42 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
     what = f"a mission to {structure_id}"
     if not looks:
         raise RefusedError(what, "; ".join(refused)[:2000], "at least one safe viewpoint")
-    tour = _tour(list(looks.values()), list(looks), base, graph, mm_px)
+    tour = _tour(looks, base, graph, mm_px)
     path = tour.trajectory
     for one in [one for one, there in zip(looks, tour.covered, strict=True) if not there]:
         refused.append(f"finding {one.finding_id}: no safe leg leads to a viewpoint that shows it")
         del looks[one]
-    reachable = list(looks)
     broken = place_breaches(path, base.target, supposed, clearance)
     if broken:
         raise RefusedError(what, "; ".join(broken), "a safe flight", "name fewer findings")
-    headline = f"shows {len(reachable)} of {len(rows)} findings on {tour.length_m:.0f} m"
+    headline = f"shows {len(looks)} of {len(rows)} findings on {tour.length_m:.0f} m"
     words = [f"{headline} (by known safe legs at least {tour.bound_m:.0f} m)", *words]
-    words += [_words(one, look, base.camera) for one, look in looks.items()]
-    words += refused
-    ids = sorted(one.finding_id for one in reachable)
+    words += [*(_words(one, look, base.camera) for one, look in looks.items()), *refused]
+    ids = sorted(one.finding_id for one in looks)
     state = np.zeros(len(surface), np.int64)
-    state[_nearest(surface, reachable)] = _SHOWN
-    plan = Plan(
+    state[_nearest(surface, list(looks))] = _SHOWN
+    plan = records.Plan(
         **base.about,
         kind=base.target.kind,
         preset="recommended",
         status="ok",
         trajectory=path,
         is_viewpoint=tour.is_viewpoint,
-        measures=Measures(
+        measures=records.Measures(
             min_clearance_m=path_clearance(scene, path.positions).distance_m,
             path_length_m=tour.length_m,
             duration_s=float(path.t_s[-1]),
             peak_speed_mps=float((leg_lengths(path.positions) / np.diff(path.t_s)).max()),
         ),
         warnings=tuple(words),
-        surface=SurfaceStates(surface.points, state, surface.normals),
+        surface=records.SurfaceStates(surface.points, state, surface.normals),
         flyable=True,
     )
     return Reshot(plan, tuple(ids), tuple(refused), tuple(words))
 
 
 def base_of(catalog: Catalog, structure_id: str) -> Base:
-    """Camera, settings and pace of the newest plan for a structure, or of a demonstration there.
-
-    Raises
-    ------
-    RefusedError
-        If there is neither.
-    """
+    """Camera, settings and pace of the newest plan for a structure, or of a demonstration there."""
     target = catalog.structure(structure_id)
     plans = catalog.transfers(structure=structure_id, preset="recommended", status="ok")
     flown = catalog.demonstrations(structure=structure_id)
@@ -201,15 +170,14 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
         source_sha256, settings = str(basis.row["source_sha256"]), basis.settings
     elif len(flown):
         demonstration = catalog.demonstration(str(flown.iloc[-1]["demonstration_id"]))
-        itself = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
+        itself = records.Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
         ends = {"source_id": structure_id, "supposed": None, "registration": itself}
         pace, of_plan, source_sha256 = demonstration.trajectory, "", target.sha256
         settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
     else:
-        fault, rule = ("has neither plan nor demonstration", "one of them, with camera and clearance")
-        raise RefusedError(
-            f"structure {structure_id}", fault, rule, f"plan for it: upplied transfer --to {structure_id}"
-        )
+        fault, rule = "has neither plan nor demonstration", "one of them, with camera and clearance"
+        remedy = f"plan for it: upplied transfer --to {structure_id}"
+        raise RefusedError(f"structure {structure_id}", fault, rule, remedy)
     about = {"demonstration_id": demonstration.demonstration_id, "target_id": structure_id, **ends}
     hashes = demonstration.sha256, source_sha256, target.sha256
     return Base(target, demonstration.camera, settings, pace, about, hashes, of_plan)
@@ -244,8 +212,7 @@ def wanted_looks(
             if not np.isfinite(place).all():
                 refused.append(f"finding {row['finding_id']}: {there.doubt(at)}")
                 continue
-            away = spot.normal
-            distance = float("nan")
+            away, distance = spot.normal, float("nan")
             if row["camera_json"]:
                 away = np.array(json.loads(row["camera_json"])[:3]) - spot.place
                 distance = float(np.linalg.norm(away))
@@ -257,13 +224,10 @@ def wanted_looks(
     return wanted, refused
 
 
-def _tour(
-    looks: Sequence[Trajectory], wanted: Sequence[Wanted], base: Base, graph: Roadmap, mm_px: float
-) -> Toured:
+def _tour(looks: dict[Wanted, Trajectory], base: Base, graph: Roadmap, mm_px: float) -> Toured:
     """A short safe flight by poses that show every spot, of those that safe legs join."""
-    poses = in_a_row(looks)
-    seen = np.eye(len(looks), dtype=bool)
-    for number, one in enumerate(wanted):
+    poses, seen = in_a_row(list(looks.values())), np.eye(len(looks), dtype=bool)
+    for number, one in enumerate(looks):
         ways = poses.positions - one.spot.place
         ways = ways / np.linalg.norm(ways, axis=1, keepdims=True)
         alike = np.flatnonzero(ways @ ways[number] >= np.cos(np.radians(_ALIKE_DEG)))

@@ -6,8 +6,6 @@ in all and within a slab of the part. Its stated error follows from how much the
 unevenly its neighbours are carried, as where parts meet and where a correspondence tears.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.config import Settings
@@ -100,10 +98,8 @@ def _facing_boxes(some: Patch, boxed: Patch, fixed: Patch) -> Floats:
     for label in np.unique(fixed.label[fixed.label >= 0]):
         rows = np.flatnonzero(some.label == label)
         sides = [side.rows(side.label == label) for side in (boxed, fixed)]
-        slab = _SLAB * np.ptp(sides[1].points, axis=0)
-        (low, high, few), (other_low, other_high, fewer) = (
-            _boxes(some.rows(rows), side, slab) for side in sides
-        )
+        slab, mine = _SLAB * np.ptp(sides[1].points, axis=0), some.rows(rows)
+        (low, high, few), (other_low, other_high, fewer) = (_boxes(mine, side, slab) for side in sides)
         stretch = (other_high - other_low) / np.maximum(high - low, 1e-9)
         offset = np.clip(stretch, 1 / _STRETCH, _STRETCH) * (some.points[rows, None] - (low + high) / 2)
         known = ~(few | fewer)[..., None]
@@ -118,9 +114,7 @@ def _boxes(some: Patch, side: Patch, slab: Floats) -> tuple[Floats, Floats, Bool
     apart = np.abs(side.points - some.points[:, None])
     alike += [(cosine > _SLAB_CONE) & (apart[..., axis] < slab[axis]) for axis in range(3)]
     low, high = (
-        np.stack(
-            [edge(np.where(one[..., None], side.points, far), axis=1, initial=far) for one in alike], axis=1
-        )
+        np.stack([edge(np.where(one[..., None], side.points, far), 1, initial=far) for one in alike], axis=1)
         for edge, far in ((np.min, _FAR_M), (np.max, -_FAR_M))
     )
     return low, high, np.stack([one.sum(axis=1) < _FEWEST for one in alike], axis=1)

@@ -1,7 +1,5 @@
 """From where a place is looked at: as before, or as near to that as is safe and shows it finely enough."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +10,8 @@ from upplied.findings.rays import focal_of
 from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.visibility.observations import TRULY
+from upplied.proof.gap import Part
 from upplied.proof.inspected import narrowed
-from upplied.proof.zone_gap import Part
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _TILTS_DEG = (4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction
@@ -53,10 +51,8 @@ def best_look(
     nearest = max(camera.min_range_m, graph.airspace.clearance_m) * 1.001
     wish = np.where(np.isnan(wanted.distance_m), farthest, np.clip(wanted.distance_m, nearest, None))
     wish = np.minimum(wish, farthest)
-    shares = np.linspace(0, 1, _DISTANCES)
-    away = np.concatenate(
-        [wish[:, None], nearest * (np.maximum(farthest, nearest) / nearest)[:, None] ** shares], axis=1
-    )
+    reach = (np.maximum(farthest, nearest) / nearest)[:, None] ** np.linspace(0, 1, _DISTANCES)
+    away = np.concatenate([wish[:, None], nearest * reach], axis=1)
     angle = np.arccos(np.clip(way @ wanted.direction, -1, 1))
     cost = angle[:, None] + _FARTHER * np.abs(np.log(away / np.maximum(wish, 1e-3)[:, None]))
     fits = (away >= nearest) & (away <= farthest[:, None] * (1 + 1e-9))

@@ -6,7 +6,7 @@ import logging
 import uuid
 from datetime import UTC, datetime
 
-from upplied.public import public_names
+from upplied.extras import public_names
 
 logging.getLogger("upplied").addHandler(logging.NullHandler())
 

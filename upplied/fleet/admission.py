@@ -16,18 +16,9 @@ from upplied.fleet.members import Member, judged
 from upplied.fleet.reading import Ingested, Progress, each
 from upplied.geometry.scene import scene_of
 from upplied.inputs import meshes
+from upplied.inputs import rules as known_rules
 from upplied.inputs.manifests import StructureEntry, read_manifest
-from upplied.inputs.rules import (
-    RULES,
-    StructureSettings,
-    Verdict,
-    check_allowed,
-    decided,
-    from_json,
-    refusals,
-    refuse,
-    to_json,
-)
+from upplied.inputs.rules import StructureSettings, Verdict, decided, from_json, refusals
 from upplied.planning.surface.samples import surface_samples
 from upplied.recommend.shapes import ShapeFeatures, Shapes, content_of, shape_features
 from upplied.records import Structure
@@ -42,8 +33,7 @@ class RuleOptions:
     bounds: StructureSettings = field(default_factory=StructureSettings)
 
     def of(self, entries: Sequence[StructureEntry]) -> list[StructureEntry]:
-        """The entries, with that said of each."""
-        allow = check_allowed(self.allow, RULES)
+        allow = known_rules.check_allowed(self.allow, known_rules.RULES)
         return [
             replace(entry, allow=(*entry.allow, *allow), strict=self.strict, bounds=self.bounds)
             for entry in entries
@@ -73,14 +63,12 @@ class Admission:
     def verdicts(
         self, new: Member, entry: StructureEntry, together: Sequence[Member] = ()
     ) -> tuple[Verdict, ...]:
-        """The rules that a structure breaks among others, as they count for its entry."""
         kinds = {one.kind for one in self._known}
         others = [one for one in self._known if one.structure_id != new.structure_id]
         others += [one for one in together if one.kind not in kinds and one.structure_id != new.structure_id]
         axes, sized = (entry.up, entry.forward), any(side is not None for side in entry.nominal_m)
-        return decided(
-            judged(new, others, entry.bounds, axes, entry.symmetric, sized), entry.allow, entry.strict
-        )
+        broken = judged(new, others, entry.bounds, axes, entry.symmetric, sized)
+        return decided(broken, entry.allow, entry.strict)
 
     def admitted(
         self, reads: Iterator[tuple[str, Any]], entries: Mapping[str, StructureEntry], batch: int
@@ -96,20 +84,18 @@ class Admission:
             if taken := [new[name] for name, read in results if isinstance(read, Structure)]:
                 self._known.extend(taken)  # for those that come after
 
-    def _judged(
-        self, structure: Structure, new: Mapping[str, Member], entry: StructureEntry
-    ) -> Structure | str:
+    def _judged(self, read: Structure, new: Mapping[str, Member], entry: StructureEntry) -> Structure | str:
         member = new[entry.structure_id]
         verdicts = self.verdicts(member, entry, list(new.values()))
-        every = (*from_json(structure.verdicts_json), *verdicts)
+        every = (*from_json(read.verdicts_json), *verdicts)
         try:
-            refuse(f"{entry.path} ({entry.structure_id})", every)
+            known_rules.refuse(f"{entry.path} ({entry.structure_id})", every)
         except InputError as error:
             return str(error)
         if not verdicts:
-            return structure
-        notes = "; ".join(filter(None, (structure.notes, *(verdict.found for verdict in verdicts))))
-        return replace(structure, verdicts_json=to_json(every), notes=notes)
+            return read
+        notes = "; ".join(filter(None, (read.notes, *(verdict.found for verdict in verdicts))))
+        return replace(read, verdicts_json=known_rules.to_json(every), notes=notes)
 
     def _member(self, structure: Structure) -> Member:
         assert self._shapes is not None
@@ -119,7 +105,6 @@ class Admission:
 
 
 def shape_of(structure: Structure) -> ShapeFeatures:
-    """The features of a structure that no catalog remembers."""
     clouds = settings_for("recommended").clouds
     return shape_features(surface_samples(structure, scene_of(structure), clouds))
 
@@ -133,9 +118,8 @@ def check_structures(
 ) -> list[Ingested]:
     """Read the structures of a manifest and say what is wrong; nothing is kept.
 
-    Each is judged among those of a catalog, where there is one, and among the others of the manifest; it
-    is "good", "odd" (with what a person should look at) or "failed" (with the reason). Parameters are those
-    of `upplied.fleet.ingest_structures`.
+    Each is judged among those of a catalog, where there is one, and among the others of the manifest: "good",
+    "odd" (with what a person should look at) or "failed" (with the reason).
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     results: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []
@@ -144,10 +128,19 @@ def check_structures(
         progress(Ingested(name, "good"))
     admission, declared = Admission(catalog), {entry.structure_id: entry for entry in entries}
     together = [one[2] for one in results if isinstance(one, tuple)]
-    return [
-        one if isinstance(one, Ingested) else _admitted(*one, admission, declared[one[0].name], together)
-        for one in results
-    ]
+    checked = []
+    for one in results:
+        if isinstance(one, Ingested):
+            checked.append(one)
+            continue
+        good, alone, member = one
+        verdicts = (*alone, *admission.verdicts(member, declared[good.name], together))
+        if refused := refusals(verdicts):
+            good = replace(good, status="failed", reason="; ".join(f"{v}. {v.remedy}" for v in refused))
+        elif verdicts:
+            good = replace(good, status="odd", findings=tuple(map(str, verdicts)))
+        checked.append(good)
+    return checked
 
 
 def _checked(entry: StructureEntry) -> tuple[Ingested, tuple[Verdict, ...], Member]:
@@ -156,18 +149,3 @@ def _checked(entry: StructureEntry) -> tuple[Ingested, tuple[Verdict, ...], Memb
     size = f"{length:.1f} x {width:.1f} x {height:.1f} m, {len(structure.triangles)} triangles"
     member = Member(entry.structure_id, entry.kind, shape_of(structure))
     return Ingested(entry.structure_id, "good", size), from_json(structure.verdicts_json), member
-
-
-def _admitted(
-    good: Ingested,
-    alone: tuple[Verdict, ...],
-    member: Member,
-    admission: Admission,
-    entry: StructureEntry,
-    together: Sequence[Member],
-) -> Ingested:
-    """What becomes of a structure that was read once it is judged among others."""
-    verdicts = (*alone, *admission.verdicts(member, entry, together))
-    if refused := refusals(verdicts):
-        return replace(good, status="failed", reason="; ".join(f"{v}. {v.remedy}" for v in refused))
-    return replace(good, status="odd" if verdicts else good.status, findings=tuple(map(str, verdicts)))

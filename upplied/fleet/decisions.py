@@ -78,7 +78,6 @@ class PlanRequest:
 
     @property
     def purpose(self) -> str:
-        """What the plans are for, as `transfers` says it."""
         return f"experiment {check_id(self.experiment, 'experiment')}" if self.experiment else ""
 
 
@@ -105,8 +104,6 @@ class SettingsOf:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One demonstration to carry to one target with one preset."""
-
     demonstration_id: str
     source_id: str
     target_id: str
@@ -124,14 +121,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Decision:
-    """What a run would do."""
-
     jobs: list[Job]
     unchanged: int
 
     @property
     def reasons(self) -> dict[str, int]:
-        """How many jobs there are for each reason, most frequent first."""
         counted = Counter(job.why for job in self.jobs)
         return dict(sorted(counted.items(), key=lambda item: (-item[1], item[0])))
 
@@ -139,10 +133,7 @@ class Decision:
 def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decision:
     """Which plans are missing: demonstrations to all other structures of their kind, or to the named targets.
 
-    Raises
-    ------
-    InputError
-        If the plan_request names what the catalog does not hold, or a target of another kind.
+    An `InputError` where the request names what the catalog does not hold, or a target of another kind.
     """
     plan_request = plan_request or PlanRequest()
     table = catalog.structures()
@@ -182,21 +173,19 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
 
 
 def _pairs(
-    demonstrations: Mapping[str, Demonstration],
-    structures: Mapping[str, Structure],
-    plan_request: PlanRequest,
+    demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure], request: PlanRequest
 ) -> Iterator[tuple[Demonstration, Structure, Structure]]:
-    for demonstration_id in plan_request.demonstrations or demonstrations:
+    for demonstration_id in request.demonstrations or demonstrations:
         demonstration = demonstrations[demonstration_id]
         source = structures.get(demonstration.structure_id)
         if source is None:
-            if plan_request.demonstrations:
+            if request.demonstrations:
                 fault = f"was flown on {demonstration.structure_id}, which the catalog does not hold"
                 raise InputError(f"demonstration {demonstration_id}", fault, "", "add that structure first")
             continue
-        for target_id in plan_request.targets or structures:
+        for target_id in request.targets or structures:
             target = structures[target_id]
-            if target.kind == source.kind and (target is not source or plan_request.targets):
+            if target.kind == source.kind and (target is not source or request.targets):
                 yield demonstration, source, target
 
 
@@ -207,17 +196,12 @@ def _check_known(what: str, names: tuple[str, ...], known: Mapping[str, object])
 
 
 def _check_kinds(
-    plan_request: PlanRequest,
-    demonstrations: Mapping[str, Demonstration],
-    structures: Mapping[str, Structure],
+    request: PlanRequest, demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure]
 ) -> None:
     """A target of a kind that nothing was flown on would be passed over in silence."""
-    flown = {
-        structures[demonstrations[name].structure_id].kind
-        for name in plan_request.demonstrations or demonstrations
-        if demonstrations[name].structure_id in structures
-    }
-    for name in plan_request.targets:
+    sources = [demonstrations[name].structure_id for name in request.demonstrations or demonstrations]
+    flown = {structures[name].kind for name in sources if name in structures}
+    for name in request.targets:
         if structures[name].kind not in flown:
             fault = f"is of kind {structures[name].kind}, flown was {' and '.join(sorted(flown)) or 'none'}"
             rule = "a demonstration is carried to structures of its own kind"
@@ -241,8 +225,6 @@ Candidate = tuple[Demonstration, Structure, Structure, Settings, Siblings]
 
 
 class Past:
-    """What the catalog's plans were made from."""
-
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog
         self._known: dict[tuple[str, ...], tuple[str, ...]] = {}  # causes by what rows say of the program
@@ -260,7 +242,6 @@ class Past:
         return {name: place for place, name in enumerate(zip(*texts, strict=True))}
 
     def why(self, candidate: Candidate, key: str) -> str:
-        """What changed since the newest plan of the pair, in words."""
         demonstration, source, target, settings, siblings = candidate
         place = self._places.get((demonstration.demonstration_id, target.structure_id, settings.preset))
         if place is None:

@@ -38,15 +38,12 @@ class Base:
 
     @cached_property
     def viewpoints(self) -> list[Viewpoint]:
-        """Its viewpoints, in the order of flight."""
         path, flags = flown_path(self.plan)
         return viewpoints_of(path, flags)
 
 
 @dataclass(frozen=True)
 class JudgedEdit:
-    """A plan as it was changed, and what is to be said against it."""
-
     plan: Plan  # with its measures
     broken: tuple[str, ...]  # rules of the place, in words: it must not be kept
     short: str  # why it must not be flown, in words; it may be kept
@@ -117,16 +114,13 @@ class Editing:
 
     @cached_property
     def scene(self) -> Scene:
-        """Of the structure, with what was never scanned of it."""
         return scene_for(self.target, self.stored.plan.supposed)
 
     @cached_property
     def surface(self) -> Cloud:
-        """Samples of the structure as it was scanned."""
         return surface_samples(self.target, scene_of(self.target), self.recipe.settings.clouds)
 
     def _forbidding(self, airspace: AirspaceLimits) -> Structure:
-        """The structure with the boxes that are forbidden."""
         if not (airspace.boxes or self.earlier.airspace.boxes):
             return self.target
         around = self.target.surroundings

@@ -28,6 +28,7 @@ from upplied.provenance import method
 _MOST_BYTES = 16 << 20
 _MOST_BOXES = 1000
 FARTHEST_M = 100_000.0  # of a viewpoint or a corner of a box from the structure's origin
+_COLUMNS = ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg")  # of a viewpoint
 _RULE = "a file as `upplied edit ID --out FILE` writes it"
 _EARLIER = ("rejected", "recalled")  # states of a changed plan whose change is not carried over
 
@@ -42,16 +43,9 @@ def write_edit(catalog: Catalog, transfer_id: str, path: str | Path) -> Path:
 
 
 def viewpoint_row(number: int, viewpoint: Viewpoint) -> dict[str, float]:
-    """A viewpoint as a file, or a page, has it."""
-    x, y, z = viewpoint.position
-    row = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": viewpoint.yaw_deg, "pitch_deg": viewpoint.pitch_deg}
-    return {"viewpoint": number, **{key: round(value, 4) for key, value in row.items()}}
-
-
-def viewpoint_of(row: Mapping[str, Any]) -> Viewpoint:
-    """The viewpoint of such a row, not checked but for its numbers being some."""
-    x, y, z, yaw, pitch = (float(row[name]) for name in ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg"))
-    return Viewpoint((x, y, z), yaw, pitch)
+    values = (*viewpoint.position, viewpoint.yaw_deg, viewpoint.pitch_deg)
+    row = {name: round(value, 4) for name, value in zip(_COLUMNS, values, strict=True)}
+    return {"viewpoint": number, **row}
 
 
 def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> str:
@@ -77,13 +71,14 @@ def read_edit(
             number = int(row["viewpoint"])
             if number in after or not 0 <= number < count:
                 raise InputError(what, f"has a viewpoint {number} too many", f"0 to {count - 1}, each once")
-            after[number] = viewpoint_of(row)
+            x, y, z, yaw, pitch = (float(row[name]) for name in _COLUMNS)
+            after[number] = Viewpoint((x, y, z), yaw, pitch)
         boxes = np.array(document.get("keep_out", []), float).reshape(-1, 2, 3)
         clearance = float(document.get("clearance_m", 0.0))
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise _unreadable(what, error) from None
     numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
-    if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
+    if not np.isfinite([*numbers, clearance, *boxes.ravel()]).all():
         raise InputError(what, "contains a value that is not a number", _RULE)
     places = [*(p.position for p in after.values()), *boxes.reshape(-1, 3), (clearance, 0.0, 0.0)]
     if np.abs(np.array(places)).max() > FARTHEST_M:
@@ -93,9 +88,12 @@ def read_edit(
     if len(boxes) > _MOST_BOXES:
         raise InputError(what, f"forbids {len(boxes)} boxes", f"{_MOST_BOXES} at most")
     whole = tuple(tuple(box.ravel().tolist()) for box in np.sort(boxes, axis=1))
-    return edit_of(base.viewpoints, after), AirspaceLimits(
-        whole, clearance if clearance > editing.usual_m else None
-    )
+    airspace = AirspaceLimits(whole, clearance if clearance > editing.usual_m else None)
+    return edit_of(base.viewpoints, after), airspace
+
+
+def words_of(edit: Edit, airspace: AirspaceLimits, base: Base) -> str:
+    return ", ".join(filter(None, (edit.words, airspace.words, "planned again" if base.airspace else "")))
 
 
 def keep_edit(
@@ -114,8 +112,7 @@ def keep_edit(
 
     One that changes nothing is an `InputError`, one that cannot be flown safely is refused.
     """
-    words = ", ".join(filter(None, [edit.words, airspace.words, "planned again" if base.airspace else ""]))
-    if not words:
+    if not (words := words_of(edit, airspace, base)):
         rule = "move, turn or omit a viewpoint, add a keep-out box, or raise the clearance"
         raise InputError(what, "changes nothing", "", rule)
     judged = editing.judged(base, edit, airspace)
@@ -123,12 +120,8 @@ def keep_edit(
         plan = f"plan {editing.transfer_id} as it was changed"
         raise RefusedError(plan, "; ".join(judged.broken), "a safe flight")
     whose = f"changed by {by.strip()}" + (", carried over" if carried_from else "")
-    draft = replace(
-        judged.plan,
-        flyable=not judged.short,
-        not_flyable=judged.short,
-        warnings=(f"{whose}: {words}", *lost, *judged.plan.warnings),
-    )
+    warnings = (f"{whose}: {words}", *lost, *judged.plan.warnings)
+    draft = replace(judged.plan, flyable=not judged.short, not_flyable=judged.short, warnings=warnings)
     row, target = editing.recipe.row, editing.target
     key = digest(
         ["edited", row["key"], method(), sorted(edit.deleted), repr(sorted(edit.changed.items())),
@@ -160,12 +153,8 @@ def standing_edit(catalog: Catalog, demonstration_id: str, target_id: str) -> Ro
 
 
 def carry_edits(catalog: Catalog) -> list[str]:
-    """Take the changes that people made over to newer drafts of `recommended`; what a person should see.
-
-    What cannot be taken over is told and kept. To call it again changes nothing.
-    """
-    edits = catalog.edits()
-    if not len(edits):
+    """Take people's changes over to newer drafts of `recommended`, once; what cannot be is told and kept."""
+    if not len(edits := catalog.edits()):
         return []
     there = {"", *catalog.transfers(every=True, columns=["transfer_id"])["transfer_id"]}
     tried = edits[(edits["carried_from"] != "") & edits["transfer_id"].isin(there)]
@@ -177,8 +166,7 @@ def carry_edits(catalog: Catalog) -> list[str]:
         pair = (str(row["demonstration_id"]), str(row["target_id"]))
         if pair not in pairs or row["transfer_id"] in settled:
             continue
-        edit = standing_edit(catalog, *pair)
-        if edit is None or edit["base_id"] == row["transfer_id"]:
+        if (edit := standing_edit(catalog, *pair)) is None or edit["base_id"] == row["transfer_id"]:
             continue
         row = catalog.transfer(str(row["transfer_id"]))
         what = f"the change by {edit['by']} of {row['demonstration_id']} on {row['target_id']}"
@@ -195,16 +183,13 @@ def carry_edits(catalog: Catalog) -> list[str]:
 
 
 def _carried(catalog: Catalog, row: Row, edit: Row) -> tuple[str, ...]:
-    """Keep the plan of a row with a change taken over; what of it was lost, in words."""
-    editing = Editing(catalog, row["transfer_id"])
-    change = edit_from_json(edit["edit_json"])
+    editing, change = Editing(catalog, row["transfer_id"]), edit_from_json(edit["edit_json"])
     base, again, lost = editing.carried(change)
     if again == Edit() and not change.airspace.words:
         raise RefusedError("none of it", "; ".join(lost) or "is left")
     notes = tuple(f"not carried over: {one}" for one in lost)
-    keep_edit(
-        catalog, editing, base, again, change.airspace, edit["by"], edit["note"], edit["edit_id"], notes
-    )
+    whose = edit["by"], edit["note"], edit["edit_id"]
+    keep_edit(catalog, editing, base, again, change.airspace, *whose, notes)
     return lost
 
 

@@ -41,8 +41,6 @@ _OF_FLIGHT = ("photos_missing", "cross_track_p95_m", "flown_pct", "silent_s")
 
 @dataclass(frozen=True)
 class Judged:
-    """A flight as it was found to be: its row, its path on the plan, and what it saw."""
-
     row: Row
     path: Trajectory
     surface: Cloud
@@ -56,13 +54,13 @@ def add_flight_log(
     photos: str | Path | None = None,
     accuracy_m: float | None = None,
 ) -> Row:
-    """Read the log of a flight, lay it on its plan and keep what came of it; a known log adds nothing.
+    """Read the log of a flight, lay it on its plan and keep what came of it: its row of `flights`.
+
+    A known log adds nothing; an `InputError` where log or photos cannot be read, or are of another structure;
+    refused where the log lies on no plan.
 
     Parameters
     ----------
-    catalog : Catalog
-    log : path
-        Of any family of logs that demonstrations are read from.
     transfer_id : str
         The plan that was flown; empty: the one of the structure that the log lies on best, among those
         in force, or the newest where none is.
@@ -71,18 +69,6 @@ def add_flight_log(
         it the camera is taken to see all the time.
     accuracy_m : float, optional
         Of the logged positions, m, as of RTK: the log is corrected by no more.
-
-    Returns
-    -------
-    dict
-        The row of `flights`.
-
-    Raises
-    ------
-    InputError
-        If the log or the photos cannot be read, or are of another structure.
-    RefusedError
-        If the log lies on no plan.
     """
     if accuracy_m is not None and not 0 <= accuracy_m < np.inf:
         raise InputError("accuracy", f"is {accuracy_m:g} m", "0 m or more")
@@ -92,7 +78,6 @@ def add_flight_log(
 
 
 def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> Row:
-    """Judge a log in a worker and keep what came of it."""
     try:
         judged: Judged = workers.run(judge_log, catalog.location, str(log), *given)
     except JobKilled as death:
@@ -101,12 +86,11 @@ def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> 
 
 
 def keep(catalog: Catalog, judged: Judged) -> Row:
-    """Add a judged flight to the catalog, unless it is there; its row."""
-    row = judged.row
-    same = catalog.flights(row["transfer_id"])
-    if row["flight_id"] in set(same["flight_id"]):
-        return {str(k): v for k, v in same[same["flight_id"] == row["flight_id"]].iloc[-1].items()}
-    row = {**row, "looks_sha256": keep_looks(catalog, judged)}
+    same = catalog.flights(judged.row["transfer_id"])
+    same = same[same["flight_id"] == judged.row["flight_id"]]
+    if len(same):
+        return {str(name): value for name, value in same.iloc[-1].items()}
+    row = {**judged.row, "looks_sha256": keep_looks(catalog, judged)}
     catalog.add_flight(row, judged.path)
     return row
 
@@ -131,13 +115,12 @@ def judge_log(
     photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
     scene = scene_of(catalog.structure(row["target_id"]))
-    logged = flown.trajectory, scene, flown.camera, photo_s
-    judged = judged_on_plan(catalog, row, laid.on, *logged)
-    parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
-    parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
+    judged = judged_on_plan(catalog, row, laid.on, flown.trajectory, scene, flown.camera, photo_s)
+    photos_sha256 = "" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest()
+    made_of = [row["transfer_id"], row["waypoints_sha256"], flown.sha256, photos_sha256]
     wind = flown.wind
     own = {
-        "flight_id": digest(parts),
+        "flight_id": digest(["flown", *made_of]),
         "kind": "flown",
         "flown_at": moment_of(int(flown.t_ns[0])),
         "log_sha256": flown.sha256,
@@ -161,23 +144,20 @@ def judged_on_plan(
 ) -> Judged:
     """What every flight says of itself, by the columns of `flights`, the surface it was judged on, and how.
 
-    The row is the plan's, `on` the flight on it; `photo_s` (F,), s, are the times of its photos from the
-    first pose.
+    The row is the plan's, `on` the flight on it; `photo_s` (F,), s, its photos from the first pose.
     """
-    target, plan = catalog.structure(row["target_id"]), catalog.plan(row["transfer_id"])
+    plan = catalog.plan(row["transfer_id"])
     planned_with = catalog.demonstration(row["demonstration_id"]).camera
     if camera is None or vars(camera) == vars(Camera()):
         camera = planned_with
-    surface, required = required_of(catalog, row, plan, target, camera)
+    surface, required = required_of(catalog, row, plan, catalog.structure(row["target_id"]), camera)
     assert plan.trajectory is not None
     viewpoint_s = plan.trajectory.t_s[np.flatnonzero([] if plan.is_viewpoint is None else plan.is_viewpoint)]
-    rule = settings_of(row["settings_json"]).inspection
-    where = surface, camera, scene, photo_s, planned_with, rule
-    flown = as_flown(plan.trajectory, viewpoint_s, on, logged, *where)
+    known = surface, camera, scene, photo_s, planned_with, settings_of(row["settings_json"]).inspection
+    flown = as_flown(plan.trajectory, viewpoint_s, on, logged, *known)
     looks = flown.looks
-    of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
     columns = {
-        **{name: row[name] for name in of_plan},
+        **{name: row[name] for name in ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")},
         **{name: getattr(on, name) for name in _OF_ALIGNMENT},
         **{name: getattr(flown, name) for name in _OF_FLIGHT},
         "clock_error_s": on.clock_error_s if np.isfinite(on.clock_error_s) else None,
@@ -198,16 +178,15 @@ def judged_on_plan(
 
 
 def _share_pct(flags: Bools | None, required: Bools) -> float | None:
-    """Share of the required samples that are flagged, %; None where not known, or nothing is required."""
     return None if flags is None or not required.any() else 100 * float(flags[required].mean())
 
 
 def keep_looks(catalog: Catalog, judged: Judged) -> str:
     """Store how a flight saw the samples of its surface; the hash of it."""
     surface, looks = judged.surface, judged.flown.looks
+    seen = looks.seen, looks.values, looks.pictures, looks.assumed
     inspected = {name: getattr(looks, name) for name in ("inspected", "inspected_if_corrected")}
-    where = surface.points, surface.normals, looks.seen, looks.values, looks.pictures, looks.assumed
-    return catalog.put_looks(*where, **inspected)
+    return catalog.put_looks(surface.points, surface.normals, *seen, **inspected)
 
 
 def required_of(
@@ -227,12 +206,8 @@ def required_of(
 def add_flight_logs(catalog: Catalog, logs: Sequence[str | Path]) -> list[dict[str, str]]:
     """Each log, or those of each folder, into the catalog, on the plan in force that it lies on best.
 
-    Returns
-    -------
-    list of dict
-        Of each log its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
-        `left_out` says in words how much of what its plan shows it did not, and which zones no flight showed
-        as they ask; it is empty where it inspected all as asked.
+    Returns of each its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
+    `left_out` what of its plan and which zones it did not show, in words.
     """
     known = set(catalog.flights(kind="flown")["flight_id"])
     rows = []
@@ -246,7 +221,7 @@ def add_flight_logs(catalog: Catalog, logs: Sequence[str | Path]) -> list[dict[s
                 file |= {"flight": row["flight_id"], "findings": row["findings"]}
                 file["left_out"] = left_out(catalog, row, zones=file["status"] == "added")
             except UppliedError as error:
-                file |= {"reason": str(error)}
+                file["reason"] = str(error)
             rows.append(file)
     return rows
 
@@ -262,25 +237,20 @@ def left_out(catalog: Catalog, row: Row, zones: bool = True) -> str:
 
 def zones_left_out(catalog: Catalog, row: Row) -> str:
     """The zones that some safe camera can see and that were not seen as they ask, in words."""
-    target = catalog.structure(str(row["target_id"]))
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    asking = zones_asked(catalog, row, target, camera)
-    if asking is None:
+    if (asking := zones_asked(catalog, row, catalog.structure(str(row["target_id"])), camera)) is None:
         return ""
     judged = asking.judged(*looked(catalog, flown_with(catalog, row), asking.surface))
     return ", ".join(f"zone {each['zone']}" for each in judged if each["status"] == "missed")
 
 
 def zones_asked(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> RequiredZones | None:
-    """The zones that are asked of the target of a flight (its row); None where none are."""
-    zones = Zones(catalog).of(target.kind, target.structure_id)
-    if not zones:
+    if not (zones := Zones(catalog).of(target.kind, target.structure_id)):
         return None
     known = target, catalog.supposed(str(row["transfer_id"])), camera, zones
     return RequiredZones(catalog.structure, catalog.cache, *known, catalog.faces_labelled)
 
 
 def flown_with(catalog: Catalog, row: Row) -> list[Row]:
-    """The flight and all that were really flown."""
     every = flown_rows(catalog, str(row["target_id"]))
     return every + [row] * (row["flight_id"] not in {each["flight_id"] for each in every})

@@ -24,8 +24,7 @@ from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.plan import METHOD_VERSION
-from upplied.proof.gap import GapFlight, gap_flight, square_metres
-from upplied.proof.zone_gap import ZoneGap
+from upplied.proof.gap import GapFlight, ZoneGap, gap_flight, square_metres
 from upplied.proof.zones import Demand
 from upplied.provenance import method, recorded
 from upplied.records import Bools, Camera, Cloud, Ints, Measures, Plan, Structure, SurfaceStates
@@ -40,8 +39,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     row = catalog.flight(start)
     flight_id = str(row["flight_id"])
     if not row["looks_sha256"]:
-        fault = "was stored by a version without looks"
-        raise RefusedError(f"flight {start}", fault, "", "fly it or add it again")
+        what, remedy = f"flight {start}", "fly it or add it again"
+        raise RefusedError(what, "was stored by a version without looks", "", remedy)
     basis = recipe(catalog, str(row["transfer_id"]))
     target = catalog.structure(str(row["target_id"]))
     flown = catalog.plan(str(row["transfer_id"]))
@@ -49,8 +48,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     surface, required = required_of(catalog, basis.row, flown, target, camera)
     inspected = np.zeros(len(surface), bool)
     inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
-    settings = basis.settings
-    route, scene = settings.route, scene_for(target, flown.supposed)
+    settings, scene = basis.settings, scene_for(target, flown.supposed)
+    route = settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(scene, clearance, target.surroundings, route.ground_clearance_m)
     zones, untold = missed_zones(catalog, row, target, camera)
@@ -58,7 +57,6 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     if len(catalog.transfers(every=True, ids=[id_of(key)], columns=["transfer_id"])):
         return id_of(key)
     missing = np.asarray(required & ~inspected, bool)
-    zone_gaps = [zone.gap for zone in zones]
 
     def flight_at(clearance_m: float) -> GapFlight:
         path = flown.trajectory
@@ -66,12 +64,11 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         around = replace(airspace, clearance_m=clearance_m)
         every = max(1, len(path) // _PLACES)
         graph = roadmap(around, obstacle(surface, flown.supposed), path.positions[::every])
-        known = settings.retime, zone_gaps, settings.inspection
+        known = settings.retime, [zone.gap for zone in zones], settings.inspection
         return gap_flight(path, surface, missing, camera, graph, *known)
 
     flight, clearance_words = _as_far(flown, airspace, flight_at)
-    broken = place_breaches(flight.trajectory, target, flown.supposed, clearance)
-    if broken:
+    if broken := place_breaches(flight.trajectory, target, flown.supposed, clearance):
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it again")
     nearest_m = path_clearance(airspace.scene, flight.trajectory.positions).distance_m
     plan = _plan(flown, flight, surface, missing, nearest_m, zones, (clearance_words, *untold))
@@ -81,31 +78,28 @@ def plan_gap(catalog: Catalog, start: str) -> str:
 
 
 def derived_from(basis: Recipe, target_sha256: str) -> dict[str, Any]:
-    """The provenance of a plan that is made from another one."""
     inputs = {name: basis.row[name] for name in ("demonstration_sha256", "source_sha256")}
     made_by = {"method_version": METHOD_VERSION, "settings": basis.settings, "target_sha256": target_sha256}
     return inputs | recorded() | made_by
 
 
-def _as_far(
-    flown: Plan, airspace: Airspace, flight_at: Callable[[float], GapFlight]
-) -> tuple[GapFlight, str]:
+def _as_far(flown: Plan, airspace: Airspace, fly_at: Callable[[float], GapFlight]) -> tuple[GapFlight, str]:
     """The flight at the clearance of its plan, else at the safety distance, and which it is, in words."""
     assert flown.trajectory is not None
     limit = airspace.clearance_m
     wish = path_clearance(airspace.scene, flown.trajectory.positions).certain_m - _WITHIN_M
     if wish <= limit:
-        return flight_at(limit), f"keeps the safety distance of {limit:g} m, as its plan does"
+        return fly_at(limit), f"keeps the safety distance of {limit:g} m, as its plan does"
     first: GapFlight | None = None
     why = ""
     try:
-        first = flight_at(wish)
+        first = fly_at(wish)
         if not _lacking(first):
             return first, f"keeps {wish:.1f} m from the structure, as its plan does"
     except RefusedError as refusal:
         why = refusal.finding
     try:
-        second = flight_at(limit)
+        second = fly_at(limit)
     except RefusedError:
         if first is None:
             raise
@@ -117,7 +111,6 @@ def _as_far(
 
 
 def _lacking(flight: GapFlight) -> int:
-    """How many samples no pose shows."""
     return int(flight.unattainable.sum()) + sum(int(none.sum()) for _, none in flight.zones)
 
 
@@ -141,7 +134,6 @@ def _plan(
     zones: Sequence[Zone],
     untold: tuple[str, ...],
 ) -> Plan:
-    """The record of a gap flight: measures of the path, and what of the gap it shows."""
     state = np.full(len(surface), _OTHER, np.int64)
     state[missing] = _MISSED
     state[flight.unattainable] = _UNATTAINABLE
@@ -151,12 +143,12 @@ def _plan(
         state[patch[~done]] = np.where(none[~done], _UNATTAINABLE, _MISSED)
         state[patch[done & (state[patch] == _OTHER)]] = _SHOWN
     path = flight.trajectory
-    shown, all_of_it = int(flight.shows.sum()), int(missing.sum())
     headline = "shows what zones miss"
-    if all_of_it:
-        headline = f"shows {100 * shown / all_of_it:.1f} % of the gap as near and as frontally as planned"
-    headline += f"; by known safe legs {flight.bound_m:.0f} m are needed at least"
-    headline += f", it flies {flight.length_m:.0f} m"
+    if missing.any():
+        share_pct = 100 * int(flight.shows.sum()) / int(missing.sum())
+        headline = f"shows {share_pct:.1f} % of the gap as near and as frontally as planned"
+    legs = f"by known safe legs {flight.bound_m:.0f} m are needed at least"
+    headline += f"; {legs}, it flies {flight.length_m:.0f} m"
     of_zones = [zone.summary(*both) for zone, both in zip(zones, flight.zones, strict=True)]
     return Plan(
         *(flown.demonstration_id, flown.source_id, flown.target_id, flown.kind),
@@ -180,14 +172,11 @@ def _plan(
 
 @dataclass(frozen=True)
 class Zone:
-    """A zone that is missed, with what is to be shown of it and how that is told."""
-
     row: dict[str, Any]  # which names it
     demand: Demand
     gap: ZoneGap
 
     def summary(self, shown: Bools, unattainable: Bools) -> str:
-        """What a flight makes of it, in square metres."""
         cloud, named = self.gap.cloud, f"zone {self.row['zone']} ({self.row['set']} {self.row['version']})"
         area, all_of_it = square_metres(cloud, shown), square_metres(cloud, np.ones(len(cloud), bool))
         text = f"{named}: shows {area:.1f} of {all_of_it:.1f} m2 that was not seen as it asks"
@@ -203,11 +192,9 @@ def missed_zones(
     catalog: Catalog, row: Row, target: Structure, camera: Camera
 ) -> tuple[list[Zone], tuple[str, ...]]:
     """What of zones a flight (its row) and all others did not show; and zones without surface, in words."""
-    asking = zones_asked(catalog, row, target, camera)
-    if asking is None:
+    if (asking := zones_asked(catalog, row, target, camera)) is None:
         return [], ()
-    surface = asking.surface
-    misses = []
+    surface, misses = asking.surface, []
     for named, demand, missed in asking.missed(*looked(catalog, flown_with(catalog, row), surface)):
         if missed.any():
             cloud = Cloud(surface.points[missed], surface.outward[missed], surface.areas[missed])
@@ -218,11 +205,10 @@ def missed_zones(
 
 def key_of(zones: list[Zone]) -> list[str]:
     """What a plan for these zones is named by, beside its flight; nothing where there are none."""
-    parts: list[Any] = []
+    names, parts = ("zone", "set", "version"), []
     for zone in zones:
-        gap, named = zone.gap, [zone.row[name] for name in ("zone", "set", "version")]
-        demanded = [zone.demand.looks, gap.farthest_m, gap.incidence_deg]
-        parts.append([*named, *demanded, gap.cloud.points.tolist()])
+        demanded = [zone.demand.looks, zone.gap.farthest_m, zone.gap.incidence_deg]
+        parts.append([*(zone.row[name] for name in names), *demanded, zone.gap.cloud.points.tolist()])
     return [digest(parts)] if parts else []
 
 
@@ -234,7 +220,6 @@ def nearest(surface: Cloud, cloud: Cloud) -> Ints:
 
 
 def _farthest_m(demand: Demand, camera: Camera) -> float:
-    """From how far off a pixel covers little enough, m; 0 where the camera's pixels are not known."""
     if demand.gsd_mm is None:
         return float("inf")
     return 1e-3 * demand.gsd_mm * focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0

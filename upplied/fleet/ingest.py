@@ -40,26 +40,11 @@ def ingest_structures(
     prune: bool = False,
     rules: RuleOptions | None = None,
 ) -> list[Ingested]:
-    """Read the structures of a manifest and keep those that are new or changed.
+    """Read the structures of a manifest (`structures.toml` or a CSV) and keep those that are new or changed.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    manifest : path
-        `structures.toml` or a CSV.
-    workers : int
-        Processes; 0 takes one per core.
-    progress : callable
-        Called with what became of each file.
-    prune : bool
-        Retire structures that the manifest no longer names, and with them their plans; history stays.
-    rules : RuleOptions, optional
-        Which rules are overruled, and their bounds.
-
-    Raises
-    ------
-    InputError
-        If the manifest itself cannot be read.
+    An `InputError` if it cannot be read. `workers` are processes (0: one per core); `progress` is called with
+    what became of each file; `prune` retires structures that the manifest no longer names, and with them
+    their plans, whose history stays.
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     ingested, known = _added(catalog, entries, workers, progress)
@@ -96,10 +81,11 @@ def ingest_demonstrations(
 ) -> list[Ingested]:
     """Read flights of any kind, or folders of them, and keep those that are new or changed.
 
+    Returns what became of every flight, and of what looks like one and cannot be read; the rest tells
+    `passed_over`. An error where a name does not exist, or a rule that is to be overruled does not.
+
     Parameters
     ----------
-    catalog, workers, progress
-        As above.
     logs : paths
         Logs, photogrammetry projects, missions, folders of photos, or folders of all of these; their content
         decides what each is (`upplied.inputs.sources.door`). A project that names no structure brings its own
@@ -108,16 +94,6 @@ def ingest_demonstrations(
         Facts about all of them; among them the rules of their passports that are overruled.
     dry_run : bool
         Read and judge, and keep nothing; there need not be a catalog.
-
-    Returns
-    -------
-    list of Ingested
-        Of every flight, and of what looks like one and cannot be read; the rest tells `passed_over`.
-
-    Raises
-    ------
-    InputError, SettingsError
-        If a name does not exist, or a rule that is to be overruled does not.
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
@@ -169,14 +145,12 @@ def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
 
 
 def _listed(file: FileKind, ingested: Ingested | None) -> Ingested:
-    """What became of a file, with what it is."""
     if ingested is not None:
         words = f"{file.words}: {ingested.words}" if ingested.words else file.words
         return replace(ingested, file=str(file.path), words=words)
-    refused = file.status == "refused"
-    remedy = file.remedy[:1].upper() + file.remedy[1:]
-    reason = f"{file.path}: {file.words}" + f". {remedy}" * bool(remedy)
-    return Ingested(file.path.name, "failed" if refused else "passed over", reason, file=str(file.path))
+    remedy = file.remedy and f". {file.remedy[0].upper()}{file.remedy[1:]}"
+    status = "failed" if file.status == "refused" else "passed over"
+    return Ingested(file.path.name, status, f"{file.path}: {file.words}{remedy}", file=str(file.path))
 
 
 def _place(catalog: Catalog) -> tuple[str, Path]:
@@ -184,7 +158,6 @@ def _place(catalog: Catalog) -> tuple[str, Path]:
 
 
 def placements_of(structures: pd.DataFrame) -> dict[str, Placement]:
-    """Where the known structures stand, for logs in latitude and longitude."""
     placed = structures[structures["lat_deg"].notna()]
     columns = ["structure_id", "lat_deg", "lon_deg", "alt_m", "heading_deg", "datum"]
     return {row[0]: Placement(*row[1:]) for row in placed[columns].itertuples(index=False)}
@@ -235,8 +208,8 @@ class _Stored:
             return None
         _, site, notes = self.content[name]
         begins = f"{notes}; ".startswith(f"{entry.notes}; ") or not entry.notes
-        words = self.cache.get(_WORDS, tuple, digest(self.content[name]))
-        words = words or (site, entry.notes if begins else notes)
+        stated = self.cache.get(_WORDS, tuple, digest(self.content[name]))
+        words = stated or (site, entry.notes if begins else notes)
         return Ingested(name, "unchanged") if words == (entry.site, entry.notes) else None
 
     def noted(
@@ -245,6 +218,6 @@ class _Stored:
         """The same, each structure with a note of which entry gave its words."""
         for name, read in reads:
             if isinstance(read, Structure):
-                entry = entries[name]
-                self.cache.put(_WORDS, digest(reading.content_of(read)), (entry.site, entry.notes))
+                words = entries[name].site, entries[name].notes
+                self.cache.put(_WORDS, digest(reading.content_of(read)), words)
             yield name, read

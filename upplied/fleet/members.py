@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,24 +17,23 @@ from upplied.inputs.rules import RULES, StructureSettings, Verdict, broken
 from upplied.recommend.shapes import ShapeFeatures, library_of, turned, unlikeness
 from upplied.records import Floats
 
-_METRES = {name: metres for name, metres in UNITS.items() if metres is not None and metres != 1.0}
 # What a size is off by where one unit is taken for another, and in words.
-_CONFUSED = tuple(
-    (factor, words)
-    for name, metres in _METRES.items()
-    for factor, words in (
+_CONFUSED = [
+    confused
+    for name, metres in UNITS.items()
+    if metres is not None and metres != 1.0
+    for confused in (
         (1 / metres, f"{name} read as m: units = {name}?"),
         (metres, f"metres read as {name}: units = m?"),
     )
-)
+]
+_TURNS = np.round(Rotation.create_group("O").as_matrix())  # of a cube, (24, 3, 3)
 _MIXED = 3.0  # largest over smallest of a kind from which on feet may pass for metres within it
 _NEARLY_ALIKE = 0.35  # unlikeness of members of one form, nearly all (airliners, turbines, hulls)
 
 
 @dataclass(frozen=True)
 class Member:
-    """One structure as the others see it."""
-
     structure_id: str
     kind: str
     shape: ShapeFeatures
@@ -43,7 +41,6 @@ class Member:
 
     @property
     def size_m(self) -> float:
-        """Diagonal of its box, m."""
         return float(np.linalg.norm(self.shape.extent_m))
 
     def __str__(self) -> str:
@@ -70,11 +67,9 @@ def judged(
     size = tuple(_size(new, kin, unlike, bounds))
     if not size and not sized and not _confirmed(new, kin, unlike, bounds):
         size = (_unconfirmed(new, f"no other {new.kind} here is of its form and its size"),)
-    return (
-        *size,
-        *_axes(new, kin, float(unlike.min()), bounds, axes, symmetric),
-        *_kind(new, kin, unlike, [other for other in others if other.kind != new.kind], bounds),
-    )
+    strangers = [other for other in others if other.kind != new.kind]
+    stands = _axes(new, kin, float(unlike.min()), bounds, axes, symmetric)
+    return (*size, *stands, *_kind(new, kin, unlike, strangers, bounds))
 
 
 def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureSettings) -> Iterator[Verdict]:
@@ -136,18 +131,15 @@ def _axes(
     axes: tuple[str, str],
     symmetric: bool,
 ) -> Iterator[Verdict]:
-    """Whether it fits the others of its kind better when it is turned."""
-    library, turns = library_of([one.shape for one in kin]), quarter_turns()
-    nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in turns]
-    stands = turns[:, 2, 2] > 0.5
-    for rule, tried in (
-        ("up-axis", [index for index in range(len(turns)) if not stands[index]]),
-        ("forward-axis", [index for index in range(len(turns)) if stands[index] and not symmetric]),
-    ):
+    library = library_of([one.shape for one in kin])
+    nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in _TURNS]
+    stands = _TURNS[:, 2, 2] > 0.5
+    headings = [] if symmetric else np.flatnonzero(stands).tolist()
+    for rule, tried in (("up-axis", np.flatnonzero(~stands).tolist()), ("forward-axis", headings)):
         best = min(tried, key=nearest_turn.__getitem__, default=None)
         if best is None or nearest_turn[best] >= min(bounds.alike, bounds.turned_share * declared):
             continue
-        right = turns[best] @ file_turn(*axes)
+        right = _TURNS[best] @ file_turn(*axes)
         names = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in right[[2, 0]]]
         words = (
             f"as declared (up {axes[0]}, forward {axes[1]}) its form misses that of every {new.kind} here by"
@@ -163,7 +155,6 @@ def _axes(
 def _kind(
     new: Member, kin: Sequence[Member], unlike: Floats, others: Sequence[Member], bounds: StructureSettings
 ) -> Iterator[Verdict]:
-    """Whether it looks like its kind, or rather like another."""
     best = float(unlike.min())
     elsewhere = unlikeness(new.shape, library_of([one.shape for one in others])) if others else np.array([])
     if len(elsewhere) and elsewhere.min() < min(bounds.alike, bounds.other_kind_share * best):
@@ -176,13 +167,6 @@ def _kind(
     between = [float(unlikeness(a.shape, library_of([b.shape for b in kin if b is not a])).min())
                for a in kin] if len(kin) > 1 else [0.0]  # fmt: skip
     if best > max(bounds.odd_unlikeness, 1.2 * float(np.median(between))):
-        like = kin[int(unlike.argmin())].structure_id
-        words = f"its form is unlike every other {new.kind} here"
-        words += f", the most alike ({like}) misses by {best:.2f}"
+        most_alike = f"the most alike ({kin[int(unlike.argmin())].structure_id}) misses by {best:.2f}"
+        words = f"its form is unlike every other {new.kind} here, {most_alike}"
         yield broken(RULES["kind"], words, f"at most {bounds.odd_unlikeness:g}")
-
-
-@cache
-def quarter_turns() -> Floats:
-    """The 24 turns of a cube, (24, 3, 3)."""
-    return np.round(Rotation.create_group("O").as_matrix())

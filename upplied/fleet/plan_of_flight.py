@@ -16,7 +16,7 @@ from upplied.fleet.ingest import placements_of
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.sidecar import LogOptions
 from upplied.proof.align import Alignment, align, follows_exactly
-from upplied.records import Demonstration, Placement
+from upplied.records import Demonstration
 
 _MOST_STRUCTURES = 20  # that a log is laid on which names none: each time it is read again
 _CLOCK_S = 86_400.0  # that the clock of a vehicle and that of the catalog may be apart, at most
@@ -28,15 +28,12 @@ _OFF_PLAN_M = 10.0  # what a pose that belongs to no plan weighs, beside how far
 
 @dataclass(frozen=True)
 class Laid:
-    """A flight on its plan."""
-
     row: Row  # of the plan
     flown: Demonstration
     on: Alignment
 
     @property
     def off_m(self) -> float:
-        """How badly it lies on it, m."""
         return self.on.residual_p95_m + _OFF_PLAN_M * (1 - float(self.on.on_plan.mean()))
 
 
@@ -87,8 +84,8 @@ def _check_mission(catalog: Catalog, log: str, laid: Laid) -> None:
     if laid.off_m < _CLOSE_M:
         return
     row = laid.row
-    every = catalog.transfers(structure=row["target_id"], status="ok", every=True)
-    others = every[(every["transfer_id"] != row["transfer_id"])]["transfer_id"][-_MOST_PLANS:]
+    every = catalog.transfers(structure=row["target_id"], status="ok", every=True)["transfer_id"]
+    others = every[every != row["transfer_id"]][-_MOST_PLANS:]
     rows = _made_before([catalog.transfer(str(name)) for name in others], laid.flown)
     try:
         best = _best(catalog, log, [(row, laid.flown) for row in rows])
@@ -105,14 +102,12 @@ def _anywhere(
     catalog: Catalog, log: str, options: LogOptions, unsaid: InputError
 ) -> Iterator[tuple[Row, Demonstration]]:
     """The plans of the structures that people released plans for last, and the log as flown round each."""
-    force = catalog.in_force()
-    rows = (
-        force.sort_values("state_at", kind="stable")["target_id"].iloc[::-1]
-        if len(force)
-        else catalog.transfers(status="ok", preset="recommended")["target_id"]
-    )
-    names = list(dict.fromkeys(rows))
-    if not names:
+    rows = catalog.in_force()
+    if len(rows):
+        rows = rows.sort_values("state_at", kind="stable").iloc[::-1]
+    else:
+        rows = catalog.transfers(status="ok", preset="recommended")
+    if not (names := list(dict.fromkeys(rows["target_id"]))):
         raise unsaid
     for name in names[:_MOST_STRUCTURES]:
         try:
@@ -123,7 +118,6 @@ def _anywhere(
 
 
 def _best(catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]]) -> Laid:
-    """The plan that the path lies on best."""
     candidates, why = list[Laid](), []
     for row, flown in tried:
         try:
@@ -164,7 +158,12 @@ def _made_before(rows: list[Row], flown: Demonstration) -> list[Row]:
 
 
 def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:
-    flown = read_demonstration(Path(log), options, _placements(catalog, options.structure_id), flight=True)
+    if options.structure_id:
+        placement = catalog.structure(options.structure_id).placement
+        placements = {} if placement is None else {options.structure_id: placement}
+    else:
+        placements = placements_of(catalog.structures())
+    flown = read_demonstration(Path(log), options, placements, flight=True)
     begins, latest = moment_of(int(flown.t_ns[0])), catalog.clock.now() + timedelta(seconds=_CLOCK_S)
     if not _EARLIEST <= begins <= latest:
         remedy = "set the recorder's clock, or correct the stamps of the log and of its photos alike"
@@ -176,10 +175,3 @@ def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:
 def moment_of(t_ns: int) -> datetime:
     """A time of a log, ns since 1970, to the microsecond."""
     return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t_ns // 1000)
-
-
-def _placements(catalog: Catalog, structure_id: str) -> dict[str, Placement]:
-    if not structure_id:
-        return placements_of(catalog.structures())
-    placement = catalog.structure(structure_id).placement
-    return {} if placement is None else {structure_id: placement}

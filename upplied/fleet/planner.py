@@ -30,8 +30,8 @@ from upplied.geometry.scene import open3d
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.proof.required_zones import RequiredZones
-from upplied.records import Camera, Demonstration, Plan, Structure
-from upplied.records.required import RequiredSurface
+from upplied.records import Camera, Plan, Structure
+from upplied.records.plans import RequiredSurface
 
 R = TypeVar("R")
 Shard = tuple[Job, ...]
@@ -39,8 +39,6 @@ Shard = tuple[Job, ...]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one job."""
-
     job: Job
     plan: Plan
     seconds: float
@@ -53,21 +51,14 @@ _memo: Memo = no_memo
 
 
 def prepare(location: str) -> None:
-    """Open the catalog and load what planning needs, once per process."""
     global _catalog, _memo
     _catalog = open_catalog(location)
     _memo = Recent(_catalog.cache)
     open3d()
 
 
-@lru_cache(maxsize=8)
-def _structure(catalog: Catalog, structure_id: str) -> Structure:
-    return catalog.structure(structure_id)
-
-
-@lru_cache(maxsize=16)
-def _demonstration(catalog: Catalog, demonstration_id: str) -> Demonstration:
-    return catalog.demonstration(demonstration_id)
+_structure = lru_cache(8)(Catalog.structure)
+_demonstration = lru_cache(16)(Catalog.demonstration)
 
 
 @lru_cache(maxsize=4)
@@ -78,7 +69,6 @@ def _required(
 
 
 def transferred(catalog: Catalog, job: Job) -> Plan:
-    """The plan of a job that carries a demonstration to a target."""
     demonstration = _demonstration(catalog, job.demonstration_id)
     source, target = _structure(catalog, job.source_id), _structure(catalog, job.target_id)
     siblings = [_structure(catalog, name) for name, _ in job.siblings]
@@ -91,15 +81,13 @@ def transferred(catalog: Catalog, job: Job) -> Plan:
 
 
 def superseded(job: Job) -> Plan:
-    """What comes of a job whose inputs are others by now."""
     return without_path(job, "superseded", "its inputs changed after the run began; the next run plans it")
 
 
 def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) -> Outcome:
     """Plan one job in this process, which was prepared; errors become plans with a reason."""
     assert _catalog is not None
-    began = time.monotonic()
-    detail = ""
+    began, detail = time.monotonic(), ""
     try:
         plan = _catalog.keep_surface(plan_of(_catalog, job))
     except MemoryError:
@@ -115,12 +103,10 @@ def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) ->
 
 
 def this_process() -> str:
-    """This host and process, as ``host/number``."""
     return f"{socket.gethostname()}/{os.getpid()}"
 
 
 def without_path(job: Job, status: str, reason: str) -> Plan:
-    """A plan that says why there is none."""
     pair = job.demonstration_id, job.source_id, job.target_id, job.kind
     return Plan(*pair, job.settings.preset, status, reason)
 
@@ -134,7 +120,6 @@ class Recent:
         self._bytes = 0
 
     def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
-        """The record of this stage and key."""
         name = stage, key
         if name not in self._held:
             self._held[name] = self._memo(stage, record_type, key, compute)
@@ -147,7 +132,6 @@ class Recent:
 
 
 def nbytes(value: Any) -> int:
-    """Bytes of the arrays in a record."""
     if isinstance(value, np.ndarray):
         return value.nbytes
     if is_dataclass(value) and not isinstance(value, type):
@@ -160,8 +144,7 @@ def required_surface(
 ) -> tuple[RequiredSurface | None, tuple[str, ...]]:
     """What plans of a structure are to show first, and the zones that cannot be planned for, in words.
 
-    The zones are named as `required.zones` of the settings has it (empty: none); unknown ones are a
-    `CatalogError`.
+    The zones are named as `required.zones` has it (empty: none); unknown ones are a `CatalogError`.
     """
     if not name:
         return None, ()

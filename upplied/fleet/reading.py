@@ -36,8 +36,6 @@ Stored = TypeVar("Stored", Structure, Demonstration)
 
 @dataclass(frozen=True)
 class Ingested:
-    """What became of one file."""
-
     name: str  # the id, or the file where no id is known
     # "added", "unchanged", "retired", "failed", "readable" (a trial), or "passed over": no flight
     status: str
@@ -85,7 +83,6 @@ def content_of(read: Structure | Demonstration) -> tuple[str, ...]:
 
 
 def _added(name: str, read: Structure | Demonstration) -> Ingested:
-    """A record that is new, with its warnings and overruled rules; a flight's with what it is."""
     if isinstance(read, Structure):
         return Ingested(name, "added", findings=tuple(map(str, from_json(read.verdicts_json))))
     camera = f"camera {read.camera.hfov_deg:.0f} x {read.camera.vfov_deg:.0f} deg"
@@ -193,7 +190,6 @@ def _tried(learn: Callable[[], Read], name: str) -> Read | None:
 
 
 def is_project(file: FileKind) -> bool:
-    """Whether a file is that of the cameras of a project."""
     return file.is_flight and file.path.is_file() and kind_of(file.path) in KINDS
 
 

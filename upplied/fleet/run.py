@@ -46,21 +46,9 @@ class Resources:
 class Run(AbstractContextManager["Run"]):
     """Plans jobs from one catalog; shards may be worked from any thread.
 
-    Parameters
-    ----------
-    catalog : Catalog
-        Holds the demonstrations and structures, and receives the plans.
-    jobs : sequence of Job
-        From `upplied.fleet.decide`.
-    run_id : str
-        Kept with every row.
-    resources : Resources
-    progress : callable
-        Called with each outcome, in the order they come.
-    engine : str
-        Whose processes these are, with the name of its worker; kept with every row.
-    plan : callable
-        What plans a job in a worker process, by its name there.
+    The catalog receives the plans of the jobs (of `decide`); `run_id` and `engine`, whose processes these are
+    with the name of its worker, are kept with every row. `progress` is called with each outcome, in the order
+    they come; `plan` plans a job in a worker process, by its name there.
     """
 
     def __init__(
@@ -89,7 +77,6 @@ class Run(AbstractContextManager["Run"]):
         self._keeper.close()
 
     def plan(self, index: int) -> None:
-        """Plan the jobs of one shard, one after the other, and wait for them."""
         for job in self.shards[index]:
             outcome = attempt(self._workers, job, self._plan_job)
             self._keeper.add(outcome)
@@ -104,14 +91,10 @@ def transfer(
     progress: Callable[[Outcome], None] = lambda outcome: None,
     plan: PlanJob = plan_job,
 ) -> Result:
-    """Plan every job and keep the outcomes, without any engine; parameters as those of `Run`.
-
-    What is kept does not depend on the number of workers.
-    """
+    """Plan every job in a `Run` without any engine; what is kept does not depend on how many workers."""
     run = Run(catalog, jobs, run_id, resources, progress, plan=plan)
     with ThreadPoolExecutor(run.threads) as threads, run:
-        for _ in threads.map(run.plan, range(len(run.shards))):
-            pass
+        list(threads.map(run.plan, range(len(run.shards))))
     return run.result
 
 
@@ -125,9 +108,8 @@ def plan_here(
 ) -> Result:
     """Plan jobs one after the other for a process of somebody else's engine, and count the outcomes.
 
-    The engine decides where, the catalog keeps what comes of it. Jobs that were kept meanwhile, by
-    whomever, are left out, so a shard that an engine starts twice is planned once. The planning is done
-    in a guarded process beside this one, which stays for the next shard.
+    Jobs that were kept meanwhile, by whomever, are left out: a shard that is started twice is planned once.
+    The planning is done in a guarded process beside this one, which stays for the next shard.
     """
     required("open3d", "plan")
     catalog = open_catalog(location)
@@ -158,7 +140,6 @@ def attempt(workers: Workers, job: Job, plan: PlanJob = plan_job) -> Outcome:
 
 
 def cores() -> int:
-    """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -181,11 +162,9 @@ def shards(jobs: Sequence[Job], workers: int, targets: int = 0) -> list[Shard]:
 
 
 def shard_name(shard: Shard) -> str:
-    """What a shard does, in words."""
-    if len(shard) == 1:
-        return str(shard[0])
     first, last = shard[0].target_id, shard[-1].target_id
-    return f"{len(shard)} plans to {first}" + ("" if first == last else f" ... {last}")
+    several = f"{len(shard)} plans to {first}" + ("" if first == last else f" ... {last}")
+    return several if len(shard) > 1 else str(shard[0])
 
 
 BATCH = 100  # outcomes that are committed together at the latest
@@ -205,7 +184,6 @@ class Keeper:
         self.result = Result()
 
     def add(self, outcome: Outcome) -> None:
-        """Take one outcome in."""
         if outcome.detail:
             log.error("%s: %s\n%s", outcome.job, outcome.plan.reason, outcome.detail)
         with self._lock:
@@ -231,24 +209,20 @@ class Keeper:
                 raise
 
     def _provenance(self, outcome: Outcome) -> dict[str, Any]:
-        hashes = ("demonstration_sha256", "source_sha256", "target_sha256")
+        job, hashes = outcome.job, ("demonstration_sha256", "source_sha256", "target_sha256")
         return {
             "run_id": self._run_id,
             "planned_on": f"{outcome.process}/{self._engine}",
             "method_version": METHOD_VERSION,
             **recorded(),
             "planning_s": outcome.seconds,
-            "settings": outcome.job.settings,
-            "siblings": outcome.job.siblings,
-            "purpose": outcome.job.purpose,
-            **dict(zip(hashes, outcome.job.sha256, strict=True)),
+            **{name: getattr(job, name) for name in ("settings", "siblings", "purpose")},
+            **dict(zip(hashes, job.sha256, strict=True)),
         }
 
 
 @dataclass
 class Result:
-    """Counts of a run, and what did not succeed."""
-
     ok: int = 0
     refused: int = 0
     failed: int = 0
@@ -256,20 +230,17 @@ class Result:
     troubles: list[tuple[str, str, str]] = field(default_factory=list)  # job, status, reason
 
     def count(self, job: Job, status: str, reason: str) -> None:
-        """Count what came of one job."""
         setattr(self, status, getattr(self, status) + 1)
         if status != "ok":
             self.troubles.append((str(job), status, reason))
 
     def include(self, other: Result) -> None:
-        """Add the counts of another shard."""
         for status in _STATUSES:
             setattr(self, status, getattr(self, status) + getattr(other, status))
         self.troubles += other.troubles
 
     @property
     def total(self) -> int:
-        """All outcomes."""
         return sum(getattr(self, status) for status in _STATUSES)
 
     def __str__(self) -> str:

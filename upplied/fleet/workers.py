@@ -27,6 +27,7 @@ from upplied.errors import UppliedError
 from upplied.threads import cast_rays_on
 
 Value = TypeVar("Value")
+Setup = Callable[..., None] | None
 
 # Every worker computes on one core: libraries that start a thread per core would only compete.
 _LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "ARROW_CPU", "POLARS_MAX")
@@ -59,7 +60,6 @@ class Limits:
     memory_gib: float | None = None  # address space of a worker; None: the machine's memory / workers
 
     def memory_bytes(self, workers: int) -> int:
-        """The address space each of `workers` processes may use, bytes."""
         if self.memory_gib is not None:
             return int(self.memory_gib * 2**30)
         machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -69,14 +69,8 @@ class Limits:
 class Workers(AbstractContextManager["Workers"]):
     """A fixed number of processes, each prepared by `setup`; `run` may be called from any thread.
 
-    Parameters
-    ----------
-    count : int
-        How many processes compute at the same time.
-    setup : callable
-        Called once in each fresh process with `setup_args`; must be importable.
-    limits : Limits
-        Time and memory of one job.
+    `setup`, which must be importable, is called once in each fresh process with `setup_args`; the limits
+    are those of one job.
 
     Examples
     --------
@@ -86,11 +80,7 @@ class Workers(AbstractContextManager["Workers"]):
     """
 
     def __init__(
-        self,
-        count: int,
-        setup: Callable[..., None] | None = None,
-        setup_args: tuple[Any, ...] = (),
-        limits: Limits | None = None,
+        self, count: int, setup: Setup = None, setup_args: tuple[Any, ...] = (), limits: Limits | None = None
     ) -> None:
         self.count = count
         limits = limits or Limits()
@@ -105,14 +95,8 @@ class Workers(AbstractContextManager["Workers"]):
     def run(self, function: Callable[..., Value], *args: Any) -> Value:
         """Call ``function(*args)`` in a free worker and wait for its value.
 
-        Raises
-        ------
-        JobKilled
-            If the process died, ran out of memory or had to be stopped after the time limit.
-        WorkersBroken
-            If no process could be started.
-        WorkersClosed
-            If `close` was called before the job was done.
+        Raises `JobKilled` if the process died, ran out of memory or had to be stopped after the time limit,
+        `WorkersBroken` if none could be started, `WorkersClosed` if `close` was called before.
         """
         worker = self._free.get()
         try:
@@ -158,8 +142,7 @@ class _Worker:
                 if late.args[:1] != ("Task timeout",):
                     raise  # of the job's own
                 self._stop()
-                limit = f"took longer than {self._limits.timeout_s:g} s and was stopped"
-                raise JobKilled(limit) from None
+                raise JobKilled(f"took longer than {self._limits.timeout_s:g} s and was stopped") from None
         raise WorkersBroken("worker processes", "do not start", remedy="see what `upplied doctor` says")
 
     def _start(self) -> ProcessPool:
@@ -231,21 +214,24 @@ def _bare_child() -> Iterator[None]:
             os.environ.update({name: value for name, value in before.items() if value is not None})
 
 
-# Below: in the worker process.
-
-
 def _guarded(function: Callable[..., Value], *args: Any) -> Value:
-    """Do a job; where memory runs out nobody knows what is left of the heap, and the process goes with it."""
+    """Do a job in the worker; without memory nobody knows what is left of the heap: the process goes too."""
     try:
         return function(*args)
     except MemoryError:
         os._exit(OUT_OF_MEMORY)
 
 
-def _prepare(memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...]) -> None:
+def _prepare(memory_bytes: int, setup: Setup, setup_args: tuple[Any, ...]) -> None:
     """First thing in a fresh process: die with the parent, stay within memory, load what jobs need."""
     threading.Thread(target=_die_with_parent, daemon=True).start()
-    _limit_memory(memory_bytes)
+    with suppress(ImportError):  # Windows has none
+        import resource
+
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        size = memory_bytes if hard < 0 else min(memory_bytes, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (size, hard))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     cast_rays_on(1)
     if setup is not None:
         setup(*setup_args)
@@ -257,13 +243,3 @@ def _die_with_parent() -> None:
     if parent is not None:
         connection.wait([parent.sentinel])
         os._exit(1)
-
-
-def _limit_memory(size: int) -> None:
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-    resource.setrlimit(resource.RLIMIT_AS, (size if hard < 0 else min(size, hard), hard))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -3,15 +3,13 @@
 Distances are taken from cells of discs: the search trees of ray casters visit too many that overlap.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numba import njit
 
-from upplied.geometry.vectors import across, nearest_of_all, plane_normals
+from upplied.geometry.vectors import across, plane_normals
 from upplied.records import Floats, Ints, Record
 
 _AROUND = 12  # neighbours of a sample that tell its plane, and whose discs are to hold it
@@ -31,9 +29,14 @@ class Discs(Record):
     nearest: Ints  # (N, K)
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats | None) -> Discs:
+    def of(cls, points: Floats, normals: Floats | None) -> "Discs":
         """The discs of samples (N, 3), m; without normals the plane of the twelve nearest decides."""
-        away, nearest = nearest_of_all(points, min(_AROUND + 1, len(points)))
+        from scipy.spatial import cKDTree
+
+        count, tree = min(_AROUND + 1, len(points)), cKDTree(points)
+        away, nearest = np.empty((len(points), count)), np.empty((len(points), count), np.int64)
+        order = tree.indices  # neighbours one after another find the tree's nodes in the processor's cache
+        away[order], nearest[order] = tree.query(points[order], k=[*range(1, count + 1)])
         if normals is None:
             normals = plane_normals(points, nearest)
         return cls(points, normals, away, nearest)
@@ -58,9 +61,8 @@ class Discs(Record):
     def error_m(self) -> float:
         """How far the surface may lie from the discs, m: as far as any sample does from its neighbours'.
 
-        Each sample counts as though it had not been scanned: that includes noise, and edges between
-        samples. One farther off than a disc is wide stands alone in the air and tells nothing of the
-        others. Nothing is known of what was never scanned.
+        Each sample counts as though it had not been scanned: that includes noise, and edges between samples.
+        One farther off than a disc is wide stands alone in the air and tells nothing of the others.
         """
         if self.away.shape[1] < _RIM + 2:
             return self.grain_m
@@ -122,7 +124,7 @@ class DiscCells(Record):
     group_spread_m: Floats  # (G,)
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> DiscCells:
+    def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> "DiscCells":
         """The discs with such centres (N, 3), unit normals (N, 3) and radii (N,), m."""
         wide = max(_WIDE * float(np.median(radius_m)), 1e-6 * float(np.ptp(points, axis=0).max()), 1e-12)
         cell = np.floor((points - points.min(axis=0)) / wide).astype(np.int64)
@@ -156,8 +158,7 @@ class DiscCells(Record):
         discs = self.points, self.normals, self.radius_m
         cells = self.first, self.place, self.spread_m
         groups = self.group_first, self.group_place, self.group_spread_m
-        away, disc = _nearest(np.ascontiguousarray(places, float), *discs, *cells, *groups)
-        return away, disc
+        return _nearest(np.ascontiguousarray(places, float), *discs, *cells, *groups)
 
 
 def _begins(name: Ints) -> Ints:
@@ -187,17 +188,9 @@ def _square(at_x: float, at_y: float, at_z: float, points: Floats, row: int) -> 
 
 @njit(cache=True)
 def _nearest(
-    places: Floats,
-    points: Floats,
-    normals: Floats,
-    radius: Floats,
-    first: Ints,
-    place: Floats,
-    spread: Floats,
-    group_first: Ints,
-    group_place: Floats,
-    group_spread: Floats,
-) -> tuple[Floats, Ints]:
+    places: Floats, points: Floats, normals: Floats, radius: Floats, first: Ints, place: Floats,
+    spread: Floats, group_first: Ints, group_place: Floats, group_spread: Floats,
+) -> tuple[Floats, Ints]:  # fmt: skip
     """What may hold the nearest disc is nearer than some disc is, and its spread: the nearest cell first."""
     away, nearest_disc = np.empty(len(places)), np.empty(len(places), np.int64)
     from_group = np.empty(len(group_place))

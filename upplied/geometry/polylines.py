@@ -1,7 +1,5 @@
 """Lengths along polylines, values between their vertices, and a few of many chosen evenly."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.records import Floats, Ints
@@ -25,24 +23,12 @@ def cumulated(steps: Floats) -> Floats:
 
 
 def arc_length(points: Floats) -> Floats:
-    """How far along a polyline (N, D) each of its vertices lies, (N,), in its unit; the first at 0.
-
-    Examples
-    --------
-    >>> arc_length(np.array([[0.0, 0], [3, 4], [3, 5]]))
-    array([0., 5., 6.])
-    """
+    """How far along a polyline (N, D) each of its vertices lies, (N,), in its unit; the first at 0."""
     return cumulated(leg_lengths(points))
 
 
 def interpolated(at: np.ndarray, where: np.ndarray, values: Floats) -> Floats:
-    """Values (K, D) at places (K,), linear between values (N, D) at increasing places (N,).
-
-    Examples
-    --------
-    >>> interpolated(np.array([0.5]), np.array([0.0, 1]), np.array([[0.0, 10], [2, 20]]))
-    array([[ 1., 15.]])
-    """
+    """Values (K, D) at places (K,), linear between values (N, D) at increasing places (N,)."""
     return np.column_stack([np.interp(at, where, column) for column in values.T])
 
 
@@ -53,13 +39,5 @@ def pieces_of_legs(pieces: Ints) -> tuple[Ints, Floats]:
 
 
 def chosen_evenly(count: int, most: int) -> Ints:
-    """Indices of at most so many of a number of things, spread evenly over them, both ends among them.
-
-    Examples
-    --------
-    >>> chosen_evenly(9, 3)
-    array([0, 4, 8])
-    >>> chosen_evenly(2, 3)
-    array([0, 1])
-    """
+    """Indices of at most so many of a number of things, spread evenly over them, both ends among them."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))

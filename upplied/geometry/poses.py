@@ -4,8 +4,6 @@ The camera frame is x forward (optical axis), y left, z up. A pilot's gimbal giv
 and no roll: yaw is counter-clockwise from +X seen from above, pitch is positive upwards.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,26 +17,13 @@ _STEEP = 0.1  # an optical axis that is less far across than this much of up or 
 
 
 def look_at(positions: Floats, targets: Floats) -> Floats:
-    """Orientation without roll that points the optical axis from each position to its target.
+    """Orientations (N, 4) without roll that point the optical axis from positions to targets (N, 3), m.
 
-    Parameters
-    ----------
-    positions, targets : array, shape (N, 3), m, structure frame
-
-    Returns
-    -------
-    array, shape (N, 4)
-        Unit quaternions ``x y z w``, camera to structure. Straight up or down, yaw is 0.
-
-    Examples
-    --------
-    >>> look_at(np.zeros((1, 3)), np.array([[0.0, 1.0, 0.0]])).round(4)
-    array([[0.    , 0.    , 0.7071, 0.7071]])
+    Straight up or down, yaw is 0.
     """
     ray = np.asarray(targets, float) - np.asarray(positions, float)
-    yaw = np.arctan2(ray[..., 1], ray[..., 0])
-    pitch = np.arctan2(ray[..., 2], np.hypot(ray[..., 0], ray[..., 1]))
-    return from_yaw_pitch(yaw, pitch)
+    flat = np.hypot(ray[..., 0], ray[..., 1])
+    return from_yaw_pitch(np.arctan2(ray[..., 1], ray[..., 0]), np.arctan2(ray[..., 2], flat))
 
 
 def from_yaw_pitch(yaw_rad: Floats, pitch_rad: Floats) -> Floats:
@@ -107,13 +92,7 @@ def angle_between(a_xyzw: Floats, b_xyzw: Floats) -> Floats:
 
 
 def interpolate(trajectory: Trajectory, t_s: Floats) -> Trajectory:
-    """Poses at other times: linear in position, spherical in orientation; ends are held.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    t_s : array, shape (M,), s, increasing
-    """
+    """Poses at other times (M,), s: linear in position, spherical in orientation; ends are held."""
     if len(trajectory) == 1:
         return replace(trajectory.take(np.zeros(len(t_s), np.int64)), t_s=np.asarray(t_s, float))
     held = np.clip(t_s, trajectory.t_s[0], trajectory.t_s[-1])
@@ -143,10 +122,7 @@ def moved(trajectory: Trajectory, rotation: Floats, translation: Floats) -> Traj
 
 def in_a_row(parts: Sequence[Trajectory]) -> Trajectory:
     """Several flights one after another, as one, in the times that they have."""
-    fields = [part.fov_deg for part in parts if part.fov_deg is not None]
-    return Trajectory(
-        np.concatenate([part.t_s for part in parts]),
-        np.concatenate([part.positions for part in parts]),
-        np.concatenate([part.quat_xyzw for part in parts]),
-        np.concatenate(fields) if len(fields) == len(parts) else None,
-    )
+    zoom = [part.fov_deg for part in parts if part.fov_deg is not None]
+    columns = zip(*((part.t_s, part.positions, part.quat_xyzw) for part in parts), strict=True)
+    t_s, positions, quats = map(np.concatenate, columns)
+    return Trajectory(t_s, positions, quats, np.concatenate(zoom) if len(zoom) == len(parts) else None)

@@ -4,8 +4,6 @@ Whether a mesh is a scan is declared (`Structure.is_scan`), never inferred. A me
 reconstruction of a scan is warned of: triangles of like form spread over the surface, whatever it is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +44,7 @@ class _Faces(Record):
     bend_m: Floats  # (P,) how far the four corners of a pair must move, root of the squares, to share a plane
 
     @classmethod
-    def of(cls, structure: Structure) -> _Faces:
+    def of(cls, structure: Structure) -> "_Faces":
         corners = structure.vertices[structure.triangles]
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         twice = area_vectors(corners)
@@ -61,7 +59,11 @@ class _Faces(Record):
         shared = first[count == 2]  # of three and more, which two were a pair would depend on their order
         one, other = order[shared], order[shared + 1]
         across = np.roll(triangles, -2, axis=1).reshape(-1)  # the corner that faces each edge
-        bend = _bend(structure.vertices[np.column_stack([ends[one], across[one], across[other]])])
+        # Of the four corners, how far they are from one plane: the volume over its gradient.
+        corners = structure.vertices[np.column_stack([ends[one], across[one], across[other]])]
+        volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+        squared = sum((area_vectors(np.delete(corners, at, axis=1)) ** 2).sum(axis=1) for at in range(4))
+        bend = np.asarray(volume / np.sqrt(np.maximum(squared, 1e-60)))
         pairs = np.column_stack([one, other]) // 3
         cosine = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]])
         return cls(edges, area, pairs, edges.reshape(-1)[one], cosine, bend)
@@ -85,14 +87,6 @@ class _Faces(Record):
         return float(np.average(1 / (1 + angle**2), weights=self.area_m2[self.pairs].sum(axis=1)))
 
 
-def _bend(corners: Floats) -> Floats:
-    """Of four corners (P, 4, 3), how far they are from one plane, m: the volume over its gradient."""
-    sides = corners[:, 1:] - corners[:, :1]
-    volume = np.abs(np.linalg.det(sides))
-    squared = sum((area_vectors(np.delete(corners, left, axis=1)) ** 2).sum(axis=1) for left in range(4))
-    return np.asarray(volume / np.sqrt(np.maximum(squared, 1e-60)))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Held(Record):
     """What a mesh holds of the surface that it stands for."""
@@ -113,15 +107,6 @@ def held(structure: Structure) -> Held:
     What is declared to be drawn is exact. Of what nobody declared, the error is what its triangles can hide
     by how rough they are where they are smoothest: next to nothing where faces are flat, some millimetres
     where each vertex was moved by one.
-
-    Parameters
-    ----------
-    structure : Structure
-        A mesh.
-
-    Returns
-    -------
-    Held
     """
     if structure.surface_error_m is not None:
         return Held(structure.surface_error_m)
@@ -137,10 +122,7 @@ def held(structure: Structure) -> Held:
 
 
 def likeness_to_scans(structure: Structure) -> float:
-    """How much the triangles of a mesh are like those of a reconstruction, 0 to 1; 0 where they are few.
-
-    Even triangles on other than flat faces: a box of even triangles was drawn.
-    """
+    """How like triangles are to those of a reconstruction, even and on no flat faces; 0 to 1, of few 0."""
     if len(structure.triangles) < _FEWEST:
         return 0.0
     faces = _Faces.of(structure)

@@ -5,8 +5,6 @@ never load it. Embree works in single precision: every scene subtracts the centr
 box first, which keeps millimetres for structures far from their origin.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections.abc import Iterator
@@ -49,11 +47,9 @@ _PLOTS = "open3d.visualization.draw_plotly"
 
 @contextmanager
 def _plots_deferred() -> Iterator[None]:
-    """While Open3D loads, let its plots in a browser wait until somebody asks for one.
-
-    It imports Dash for them, with Plotly, pydantic and Flask: most of what it takes to load, and no
-    switch leaves them out.
-    """
+    """While Open3D loads, let its plots in a browser wait until somebody asks for one."""
+    # It imports Dash for them, with Plotly, pydantic and Flask: most of what it takes to load, and no switch
+    # leaves them out.
     if "open3d" in sys.modules:
         yield
         return
@@ -98,40 +94,31 @@ class Scene:
     """
 
     def __init__(
-        self,
-        vertices: Floats,
-        triangles: Ints,
-        threads: int = 0,
-        grain_m: float = 0.0,
-        error_m: float = 0.0,
-        cells: DiscCells | None = None,
-        thin_m: float = 0.0,
-        thin_error_m: float = 0.0,
-    ) -> None:
-        core = open3d().core
+        self, vertices: Floats, triangles: Ints, threads: int = 0, grain_m: float = 0.0, error_m: float = 0.0,
+        cells: DiscCells | None = None, thin_m: float = 0.0, thin_error_m: float = 0.0,
+    ) -> None:  # fmt: skip
         self.box = vertices.min(axis=0), vertices.max(axis=0)
         self.origin = (self.box[0] + self.box[1]) / 2
         self.threads = threads or ray_threads()
         self.grain_m, self.error_m, self._cells = grain_m, error_m, cells
         self._scene = open3d().t.geometry.RaycastingScene(nthreads=self.threads)
-        self._scene.add_triangles(
-            core.Tensor(np.ascontiguousarray(vertices - self.origin, np.float32)),
-            core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
-        )
+        mesh = (vertices - self.origin).astype(np.float32), triangles.astype(np.uint32)
+        self._scene.add_triangles(*(open3d().core.Tensor(np.ascontiguousarray(each)) for each in mesh))
         self.thin_m, self.thin_error_m = thin_m, thin_error_m
-        self._thin = np.flatnonzero(self._is_thin(vertices, triangles) if thin_m else [])
+        self._thin = np.empty(0, np.int64)
+        if thin_m:  # the surface across, on either side, is nearer than that
+            corners = vertices[triangles] - self.origin
+            normals = area_vectors(corners)
+            across = thin_m * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+            rays = (np.hstack([corners.mean(axis=1) + 1e-3 * way, way]) for way in (-across, across))
+            self._thin = np.flatnonzero(np.logical_or(*(self.blocked(each, slack=0.0) for each in rays)))
         if len(self._thin):
             self._ends = Scene(vertices, triangles[self._thin], self.threads, error_m=thin_error_m)
 
     def occluded(self, origins: Floats, targets: Floats, slack: float = 1e-3) -> Bools:
-        """Whether something stands between each origin and its target.
+        """Whether something stands between each origin and its target (N, 3), m.
 
-        Parameters
-        ----------
-        origins, targets : array, shape (N, 3), m
-            A target usually lies on the surface itself.
-        slack : float
-            Share of each ray, at the target's end, in which hits do not count.
+        A target usually lies on the surface itself: hits in the last share `slack` of a ray do not count.
         """
         starts = np.asarray(origins - self.origin, np.float32)
         ends = np.asarray(targets - self.origin, np.float32)
@@ -140,28 +127,15 @@ class Scene:
     def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
         """`occluded` for given rays: no copy, for callers that cast millions.
 
-        Parameters
-        ----------
-        rays : array of float32, shape (N, 6), m
-            Start, relative to `origin`, and the vector from there to the target.
-        slack : float
+        Rays (N, 6), single precision, m, are the start, relative to `origin`, and the vector to the target.
         """
-        hit = self._scene.test_occlusions(
-            self._tensor(rays), tnear=0.0, tfar=1.0 - slack, nthreads=self.threads
-        )
-        return np.asarray(hit.numpy(), bool)
+        ends = {"tnear": 0.0, "tfar": 1.0 - slack, "nthreads": self.threads}
+        return np.asarray(self._scene.test_occlusions(self._tensor(rays), **ends).numpy(), bool)
 
     def cast(self, origins: Floats, directions: Floats) -> tuple[Floats, Ints, Floats]:
-        """First hit of each ray.
+        """The first hit of each ray: how far it is, which triangle, and its unit normal (N, 3), as wound.
 
-        Returns
-        -------
-        t : array, shape (N,)
-            In units of each direction's length; inf where nothing is hit.
-        triangle : array, shape (N,)
-            Index of the triangle, -1 where nothing is hit.
-        normal : array, shape (N, 3)
-            Unit normal of that triangle, as wound.
+        The first (N,) is in units of each direction's length, inf where nothing is hit; the second -1 there.
         """
         hit = self._scene.cast_rays(self._rays(origins, directions), self.threads)
         triangle = hit["primitive_ids"].numpy().astype(np.int64)
@@ -188,8 +162,8 @@ class Scene:
         """Unsigned distance (N,) of each point (N, 3) from the triangles, m, as though they were exact."""
         if self._cells is not None:
             return self._cells.distance(points)
-        local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
-        return self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
+        local = self._tensor(np.reshape(points, (-1, 3)) - self.origin)
+        return self._scene.compute_distance(local, self.threads).numpy().astype(float)
 
     def nearer_supposed(self, points: Floats) -> Bools:
         """Which points (N, 3) are nearer to surface that is supposed than to what is known: none here."""
@@ -202,8 +176,7 @@ class Scene:
             places, disc = self._cells.closest(points)
             triangle = Discs.TRIANGLES * disc
         else:
-            local = np.asarray(points - self.origin, np.float32)
-            nearest = self._scene.compute_closest_points(self._tensor(local), self.threads)
+            nearest = self._scene.compute_closest_points(self._tensor(points - self.origin), self.threads)
             places = nearest["points"].numpy().astype(float) + self.origin
             triangle = nearest["primitive_ids"].numpy().astype(np.int64)
         if self.error_m:
@@ -216,14 +189,6 @@ class Scene:
             places = np.where(nearer[:, None], others, places)
             triangle = np.where(nearer, self._thin[end], triangle)
         return places, triangle
-
-    def _is_thin(self, vertices: Floats, triangles: Ints) -> Bools:
-        """Of which triangles (T,) the surface across, on either side, is nearer than `thin_m`."""
-        corners = vertices[triangles] - self.origin
-        normals = area_vectors(corners)
-        across = self.thin_m * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        rays = [np.hstack([corners.mean(axis=1) + 1e-3 * way, way]) for way in (-across, across)]
-        return self.blocked(rays[0], slack=0.0) | self.blocked(rays[1], slack=0.0)
 
     def _rays(self, origins: Floats, directions: Floats) -> Any:
         starts = np.asarray(origins - self.origin, np.float32)
@@ -282,10 +247,9 @@ def simplified(vertices: Floats, triangles: Ints, count: int) -> tuple[Floats, I
     if len(triangles) <= count:
         return vertices, triangles
     origin = vertices.mean(axis=0)
-    mesh = open3d().geometry.TriangleMesh(
-        open3d().utility.Vector3dVector(vertices - origin),
-        open3d().utility.Vector3iVector(triangles.astype(np.int32)),
-    )
+    of = open3d().utility
+    corners, faces = of.Vector3dVector(vertices - origin), of.Vector3iVector(triangles.astype(np.int32))
+    mesh = open3d().geometry.TriangleMesh(corners, faces)
     mesh.remove_duplicated_vertices()
     mesh.remove_degenerate_triangles()
     mesh.remove_duplicated_triangles()

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.vectors import neighbour_spacing, points_on_triangles, triangle_areas
-from upplied.records import Bools, Floats, Ints, Record, Structure
+from upplied.records import Floats, Ints, Record, Structure
 
 CLASSES = ("structure", "ground", "clutter", "neighbour")
 _SAMPLES = 150_000  # points that stand for a surface
@@ -59,10 +59,14 @@ def separated(structure: Structure) -> Separation:
     standing = np.flatnonzero(above >= thick)
     if len(standing):
         label[standing] = _clusters(points[standing], above[standing])
-    of_all = _of_all(structure, points, owner, label)
-    areas = np.bincount(
-        owner, area, minlength=len(of_all)
-    )  # of each triangle or point: the thinned ones without
+    # The class of each triangle or point: of most of its samples, or of the nearest one.
+    number, count = len(structure.triangles) or len(structure.vertices), len(CLASSES)
+    votes = np.bincount(owner * count + label, minlength=number * count).reshape(number, count)
+    of_all, empty = votes.argmax(axis=1), np.flatnonzero(votes.sum(axis=1) == 0)
+    if len(empty):
+        corners = structure.triangles[empty] if len(structure.triangles) else empty[:, None]
+        of_all[empty] = label[cKDTree(points).query(structure.vertices[corners].mean(axis=1))[1]]
+    areas = np.bincount(owner, area, minlength=len(of_all))  # of all: what was thinned out has none
     share = np.asarray(np.bincount(of_all, areas, minlength=len(CLASSES)), float)
     of_ground = (points[:, 2] - above)[(label == 0) & np.isfinite(above)]
     return Separation(of_all, share, float(np.median(of_ground)) if len(of_ground) else None)
@@ -119,7 +123,14 @@ def _ground(points: Floats) -> tuple[Floats, float]:
     is_open = np.zeros(_CELLS**2, bool)
     is_open[low_open[open_ground]] = True
     standing = above > room
-    if not standing.any() or not _surrounds(is_open, flat[standing]):
+    if not standing.any():
+        return none
+    # Does open ground lie round the plan of what stands on it?
+    covered = np.bincount(flat[standing], minlength=_CELLS**2) > 0
+    plan = np.pad(covered.reshape(_CELLS, _CELLS), 4)
+    ring = ndimage.binary_dilation(plan, iterations=4) & ~ndimage.binary_dilation(plan, iterations=1)
+    ground = ndimage.binary_dilation(np.pad(is_open.reshape(_CELLS, _CELLS), 4))
+    if not ground[ring].mean() > _ROUND:
         return none
     layer = above[is_open[flat] & (np.abs(above) < room)]
     spread = 1.4826 * float(np.median(np.abs(layer - np.median(layer))))
@@ -183,15 +194,6 @@ class _Surface:
         return np.asarray(self._rows(at) @ self.weights + rest)
 
 
-def _surrounds(is_open: Bools, standing: Ints) -> bool:
-    """Whether open ground lies round the plan of what stands on it."""
-    covered = np.bincount(standing, minlength=_CELLS**2) > 0
-    plan = np.pad(covered.reshape(_CELLS, _CELLS), 4)
-    ring = ndimage.binary_dilation(plan, iterations=4) & ~ndimage.binary_dilation(plan, iterations=1)
-    ground = ndimage.binary_dilation(np.pad(is_open.reshape(_CELLS, _CELLS), 4))
-    return bool(ground[ring].mean() > _ROUND)
-
-
 def _clusters(points: Floats, above: Floats) -> Ints:
     """The class (S,) of samples that are no ground, by the clusters that they fall into."""
     some = points[:: max(1, len(points) // _SAMPLED)]
@@ -221,15 +223,3 @@ def _clusters(points: Floats, above: Floats) -> Ints:
         elif not within and tree.query(mine)[0].min() > _BESIDE * size[main]:
             of_cluster[other] = 3
     return of_cluster[cluster]
-
-
-def _of_all(structure: Structure, points: Floats, owner: Ints, label: Ints) -> Ints:
-    """The class of each triangle or point: of most of its samples, or of the nearest one."""
-    number, count = len(structure.triangles) or len(structure.vertices), len(CLASSES)
-    votes = np.bincount(owner * count + label, minlength=number * count).reshape(number, count)
-    classes = votes.argmax(axis=1)
-    empty = np.flatnonzero(votes.sum(axis=1) == 0)
-    if len(empty):
-        corners = structure.triangles[empty] if len(structure.triangles) else empty[:, None]
-        classes[empty] = label[cKDTree(points).query(structure.vertices[corners].mean(axis=1))[1]]
-    return classes

@@ -1,7 +1,5 @@
 """Moments of a flight that is slowed: so that some lie far enough apart, or that it brakes no harder."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -20,25 +18,18 @@ _BRAKING_S = 0.2, 1.0  # how long braking takes, least and most
 
 
 def spaced(times: Floats, chosen_s: Floats, least_s: float, brake_s: float) -> Floats:
-    """Moments of a flight that is slower where some of them were too near each other.
+    """When the poses of a flight are reached (N,), s, that is slower where chosen moments were too near.
 
-    It brakes before and after: what that takes more counts for the next of them.
+    It brakes before and after: what that takes more counts for the next of them. The first stays as it was.
 
     Parameters
     ----------
-    times : array, shape (N,)
-        Of the poses, s, increasing.
-    chosen_s : array, shape (K,)
-        Moments within these times, increasing.
+    times, chosen_s : array, shape (N,) and (K,)
+        Of the poses, and moments among these, s, increasing.
     least_s : float
         Between two of the chosen ones.
     brake_s : float
         How long braking takes; taken for 0.2 to 1 s.
-
-    Returns
-    -------
-    array, shape (N,)
-        When each pose is reached, s; the first as before.
     """
     if (np.diff(chosen_s) >= least_s).all():
         return times
@@ -60,34 +51,19 @@ def spaced(times: Floats, chosen_s: Floats, least_s: float, brake_s: float) -> F
 
 
 def no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
-    """Moments of a flight (N,), later where it accelerates by more than is allowed.
-
-    Parameters
-    ----------
-    times : array, shape (N,)
-        s, increasing.
-    positions : array, shape (N, 3)
-        m.
-    most_mps2 : float
-    """
+    """Moments of a flight (N,), s, later where between positions (N, 3), m, it accelerates too much."""
     for _ in range(_EASINGS):
         excess = np.sqrt(accelerations(times, positions) / most_mps2)
         if not (excess > 1 + 1e-9).any():
             break
         slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))
-        times = _slowed(times, np.where(slower > 1, slower + _EASED, 1.0))
+        slower = np.where(slower > 1, slower + _EASED, 1.0)  # so many times on each leg
+        clock = np.linspace(times[0], times[-1], int((times[-1] - times[0]) / _CLOCK_S) + 2)
+        leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
+        # The slowest leg of each step of the clock: legs are shorter where photos are close to other poses.
+        rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
+        brake = 2 * round(_BRAKING_S[1] / _CLOCK_S) + 1
+        # The mean of the slowest round about is nowhere faster than what it is the mean of.
+        rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
+        times = times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))
     return times
-
-
-def _slowed(times: Floats, slower: Floats) -> Floats:
-    """Moments (N,) of a flight so many times slower on its legs (N - 1,), braking before and after."""
-    if (slower <= 1).all():
-        return times
-    clock = np.linspace(times[0], times[-1], int((times[-1] - times[0]) / _CLOCK_S) + 2)
-    leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
-    # The slowest leg of each step of the clock: the legs are shorter where photos are close to other poses.
-    rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
-    brake = 2 * round(_BRAKING_S[1] / _CLOCK_S) + 1
-    # The mean of the slowest round about is nowhere faster than what it is the mean of.
-    rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
-    return times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))

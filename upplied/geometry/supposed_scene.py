@@ -1,7 +1,5 @@
 """A scene to which surface is added that nobody scanned, but that is supposed to be there."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.geometry.discs import hexagons
@@ -14,25 +12,14 @@ _ROUNDING_M = 1e-3  # beyond what single precision may be off
 class SupposedScene(Scene):
     """What a scene answers where more surface is supposed: rays are blocked by it, distances are from it.
 
-    Where surface may be as well, distances are from that too, but no ray is blocked. `cast` and `hits` tell
-    of the triangles that are known alone.
-
-    Parameters
-    ----------
-    known : Scene
-    supposed : Scene or None
-        The surface that is likely to be there; its `error_m` says how much nearer it may be.
-    doubtful : Scene or None
-        Surface that may be there.
+    Where surface is doubtful, distances are from that too, but no ray is blocked. `cast` and `hits` tell of
+    the triangles that are known alone. The `error_m` of what is supposed says how much nearer it may be.
     """
 
     def __init__(self, known: Scene, supposed: Scene | None, doubtful: Scene | None = None) -> None:
+        vars(self).update(vars(known))
         self.known, self.supposed = known, supposed
         self.more = [each for each in (supposed, doubtful) if each is not None]
-        self.box, self.origin, self.threads = known.box, known.origin, known.threads
-        self.grain_m, self.error_m = known.grain_m, known.error_m
-        self._scene, self._cells = known._scene, known._cells
-        self.thin_m, self.thin_error_m = known.thin_m, known.thin_error_m
 
     def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
         """As of a `Scene`, by what is known or likely."""
@@ -79,17 +66,10 @@ class SupposedScene(Scene):
 
 
 def scene_for(structure: Structure, supposed: SupposedSurface | None) -> Scene:
-    """What a plan keeps clear of at its target: what is known of it, and what is supposed.
+    """What a plan keeps clear of at its target: what is known of it, and what is supposed (`Plan.supposed`).
 
     Every room after the plan asks this one where it judges a clearance or a line of sight of a plan;
     `scene.scene_of` tells of what was scanned alone.
-
-    Parameters
-    ----------
-    structure : Structure
-        The target.
-    supposed : SupposedSurface or None
-        `Plan.supposed`.
     """
     return with_supposed(scene_of(structure), supposed)
 
@@ -98,16 +78,14 @@ def with_supposed(scene: Scene, supposed: SupposedSurface | None) -> Scene:
     """A scene with what is supposed beside, and what may be; itself where nothing is."""
     if supposed is None:
         return scene
-    likely, doubtful = (_surface(supposed, which, scene.threads) for which in (True, False))
+    discs = supposed.points, supposed.normals, supposed.radius_m, supposed.corner
+    likely, doubtful = (
+        Scene(*hexagons(*(each[mine] for each in discs)), scene.threads, error_m=supposed.error_m)
+        if mine.any()
+        else None
+        for mine in (supposed.likely, ~supposed.likely)
+    )
     return SupposedScene(scene, likely, doubtful)
-
-
-def _surface(supposed: SupposedSurface, likely: bool, threads: int) -> Scene | None:
-    mine = supposed.likely == likely
-    if not mine.any():
-        return None
-    discs = (each[mine] for each in (supposed.points, supposed.normals, supposed.radius_m, supposed.corner))
-    return Scene(*hexagons(*discs), threads, error_m=supposed.error_m)
 
 
 def obstacle(surface: Cloud, supposed: SupposedSurface | None) -> Cloud:

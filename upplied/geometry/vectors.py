@@ -1,7 +1,5 @@
 """Directions, normals and areas, how far points are spaced, and points spread evenly over a mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.records import Floats, Ints, Structure
@@ -50,17 +48,6 @@ def with_normals(points: Floats, normals: Floats, weight_m: float) -> Floats:
     return np.concatenate([points, weight_m * normals], axis=1)
 
 
-def nearest_of_all(points: Floats, count: int) -> tuple[Floats, Ints]:
-    """Distances (N, count), m, and indices of the nearest of the points (N, 3) to each, itself the first."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points)
-    away, nearest = np.empty((len(points), count)), np.empty((len(points), count), np.int64)
-    order = tree.indices  # neighbours one after another find the tree's nodes in the processor's cache
-    away[order], nearest[order] = tree.query(points[order], k=[*range(1, count + 1)])
-    return away, nearest
-
-
 def neighbour_spacing(points: Floats, places: Floats | None = None) -> float:
     """Median distance of points (N, 3), or of some of them, to the nearest other one; 0 for a single one."""
     from scipy.spatial import cKDTree
@@ -74,8 +61,8 @@ def triangle_areas(structure: Structure) -> Floats:
     """Area (T,) of each triangle of a mesh, m^2; kept with its record."""
 
     def areas() -> Floats:
-        corners = structure.vertices[structure.triangles]
-        return np.asarray(np.linalg.norm(area_vectors(corners), axis=1) / 2)
+        twice = area_vectors(structure.vertices[structure.triangles])
+        return np.asarray(np.linalg.norm(twice, axis=1) / 2)
 
     return structure.derived("triangle areas", areas)
 
@@ -83,21 +70,9 @@ def triangle_areas(structure: Structure) -> Floats:
 def points_on_triangles(
     structure: Structure, number: int, rng: np.random.Generator, some: Ints | None = None
 ) -> tuple[Floats, Ints]:
-    """Points spread evenly by area over a mesh: stratified along the cumulated area.
+    """Points (number, 3), m, spread evenly by area over a mesh, or some triangles; and on which each lies.
 
-    Parameters
-    ----------
-    structure : Structure
-    number : int
-    rng : numpy.random.Generator
-    some : array of int, shape (S,), optional
-        The triangles to spread them over; all where not given.
-
-    Returns
-    -------
-    points : array, shape (number, 3), m
-    triangle : array of int, shape (number,)
-        On which each lies.
+    They are stratified along the cumulated area.
     """
     area = triangle_areas(structure)
     cumulated = np.cumsum(area if some is None else area[some])

@@ -23,12 +23,10 @@ _RULE = "one label for each face of the mesh, a whole number or a word without s
 
 
 def read_face_labels(path: Path, faces: int, what: str) -> list[str]:
-    """The label of each face of the mesh that `what` names, as text.
+    """The label of each face of the mesh that `what` names, as text; InputError if the file has others.
 
     Of ``.npy`` of one dimension; ``.csv`` or ``.parquet`` with a column ``label``, in the order of the faces
     or with their numbers from 0 in a column ``face``; ``.txt`` of one label a line.
-
-    Raises InputError if the file cannot be read, is too large, or does not have one label for each face.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -80,10 +78,7 @@ def _label(value: Any) -> str:
 
 
 def photo_times(path: str | Path) -> Ints:
-    """Times of photos, ns of the log's clock, rising: one a line, or in a column ``t_ns``.
-
-    Raises InputError if the file cannot be read, or holds none.
-    """
+    """Times of photos, ns of the log's clock, rising, of a file of one a line, or with a column ``t_ns``."""
     rule = "whole numbers, ns of the log's clock, one a line or in a column t_ns"
     text = read_regular(path, MAX_BYTES).decode("utf-8", "replace")
     try:

@@ -18,11 +18,7 @@ from upplied.errors import InputError
 
 
 def open_regular(path: Path | str) -> BufferedReader:
-    """A regular file, opened to be read.
-
-    Raises OSError where it cannot be opened, or is a pipe, a device, a socket or a folder: reading those
-    hangs or has no end.
-    """
+    """A regular file, opened to be read; OSError where it is a pipe, a device or a folder, which may hang."""
     _check_regular(os.stat(path).st_mode, path)  # before it is opened: opening a device may do something
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
@@ -41,15 +37,11 @@ def _check_regular(mode: int, path: Path | str) -> None:
 
 
 def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "check the path") -> bytes:
-    """The bytes of a regular file, at most so many; `what` is its name in messages, its path where empty.
-
-    Raises InputError where it is larger, or cannot be read.
-    """
+    """The bytes of a regular file, at most so many; InputError otherwise, naming it by `what` or its path."""
     what = what or str(path)
     try:
         with open_regular(path) as stream:
-            size = os.fstat(stream.fileno()).st_size
-            if size > most:
+            if (size := os.fstat(stream.fileno()).st_size) > most:
                 bound = f"{most >> 30} GB" if most >> 30 else f"{most >> 20} MB"
                 raise InputError(what, f"is larger than {bound}", "", remedy)
             return stream.read(size)

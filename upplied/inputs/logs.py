@@ -20,7 +20,7 @@ from upplied.inputs.flight.clean import breaks, check_dropped, clean, paced, rea
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame, registered
 from upplied.inputs.flight.tracks import FIELDS, Track
 from upplied.inputs.mcap.recording import open_recording
-from upplied.inputs.passport.conventions import converted
+from upplied.inputs.passport.fits import converted
 from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.rules import RULES, passport_of
 from upplied.inputs.rules import SHAPING, PassportSettings, Verdict, broken
@@ -30,7 +30,11 @@ from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
 from upplied.records import Demonstration, Placement, Structure
 
+Places = Mapping[str, Placement]
+Structures = Callable[[str], Structure] | None
+Check = tuple[str, Callable[[LogOptions], object]]  # a rule of the reader, and what raises where it is broken
 _OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about")
+_OF_TRACK = ("t_ns", "positions", "fov_deg", "clock")
 
 
 def read_demonstration(
@@ -75,9 +79,8 @@ def read_demonstration(
             sha256 = beside.submit(_sha256, path, kind)
             source = door.read(path, FIELDS)
             try:
-                demonstration, facts = _demonstration(
-                    path, source, options or LogOptions(), placements or {}, structures, flight
-                )
+                given = options or LogOptions(), placements or {}
+                demonstration, facts = _demonstration(path, source, *given, structures, flight)
             except InputError as error:
                 raise _in_context(error, path, source) from None
             return replace(demonstration, sha256=_digest(sha256.result(), facts))
@@ -86,12 +89,7 @@ def read_demonstration(
 
 
 def _demonstration(
-    path: Path,
-    source: Source,
-    options: LogOptions,
-    placements: Mapping[str, Placement],
-    structures: Callable[[str], Structure] | None,
-    flight: bool,
+    path: Path, source: Source, options: LogOptions, placements: Places, structures: Structures, flight: bool
 ) -> tuple[Demonstration, LogOptions]:
     """The procedure: the facts, then poses from end to end; and the facts as they are hashed."""
     what, tables = str(path), source.tables
@@ -109,12 +107,12 @@ def _demonstration(
     tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.
     table, chosen = choose(tables, facts, what)
-    if table is None and not tree.moving:
-        raise nothing(tables, what)
-    if table is None:
+    if table is not None:
+        track, topic = READERS[table.schema](table, tables, facts), table.channel.topic
+    elif tree.moving:
         track, topic = tf.transformed(tree, facts, camera_frame, what), tree.topic
     else:
-        track, topic = READERS[table.schema](table, tables, facts), table.channel.topic
+        raise nothing(tables, what)
     where = f"{what}, {topic}"
     # The inspection alone; samples that are no pose are dropped and counted.
     track, cut, given = inspections.inspected(steady(timed(track)), tables, facts, what)
@@ -160,7 +158,7 @@ def _demonstration(
         camera = replace(camera, trigger_s=float(np.diff(shortened.t_ns).min() * 1e-9))
     passport: Mapping[str, Any] = {}
     if structure is not None:
-        of_reader: list[tuple[str, Callable[[LogOptions], object]]] = [
+        of_reader: list[Check] = [
             ("zoom-untimed", through),
             ("several-publishers", lambda options: choose(tables, options, what)),
             ("several-publishers", lambda options: check_one(track, options, what)),
@@ -174,15 +172,12 @@ def _demonstration(
         passport = passport_of(reading, structure, facts, what)
     demonstration = Demonstration(
         **{name: getattr(facts, name) for name in _OF_FACTS},
-        t_ns=shortened.t_ns,
-        positions=shortened.positions,
+        **{name: getattr(shortened, name) for name in _OF_TRACK},
         quat_xyzw=normalised(shortened.quat_xyzw),
         camera=camera,
-        fov_deg=shortened.fov_deg,
         breaks=first_after,
         degraded=bool(source.losses),
         dropped=dict(sorted(shortened.dropped.items())),
-        clock=shortened.clock,
         topic=topic,
         notes="; ".join([*filter(None, [facts.notes]), *notes, *source.losses]),
         passport=passport,
@@ -193,10 +188,7 @@ def _demonstration(
     return demonstration, declared
 
 
-def _overruled(
-    facts: LogOptions, checks: Sequence[tuple[str, Callable[[LogOptions], object]]]
-) -> tuple[Verdict, ...]:
-    """Of the rules of the reader, those that are broken and overruled, each once."""
+def _overruled(facts: LogOptions, checks: Sequence[Check]) -> tuple[Verdict, ...]:
     verdicts: dict[str, Verdict] = {}
     for rule, check in checks:
         try:
@@ -208,16 +200,15 @@ def _overruled(
 
 
 def _in_context(error: InputError, path: Path, source: Source) -> InputError:
-    """The error with the name of the file, and with what was lost of it before."""
     what = error.what if str(path) in error.what else f"{path}, {error.what}"
     finding = "; ".join([error.finding, *source.losses])
     if error.finding.startswith(NOTHING):
-        finding += f"; its topics: {source.topics or 'none'}"
+        topics = source.listed or ", ".join(f"{it.channel.topic} ({it.schema})" for it in source.tables[:12])
+        finding += f"; its topics: {topics or 'none'}"
     return InputError(what, finding, error.rule, error.remedy)
 
 
 def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -> None:
-    """Refuse a file whose own metadata mark it as one that no vehicle flew."""
     for name, values in metadata:
         plan = name == "plan" and "structure_id" in values
         if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):
@@ -228,8 +219,8 @@ def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -
 def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
-        dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
-        finding = f"holds {len(track)} poses over {seconds:.2f} s{dropped}"
+        finding = f"holds {len(track)} poses over {seconds:.2f} s"
+        finding += f" ({reasons(track)} dropped)" if track.dropped else ""
         rule, remedy = f"at least 2 poses and {facts.min_duration_s} s", "lower min_duration_s if this is all"
         raise InputError(what, finding, rule, remedy)
 
@@ -250,13 +241,8 @@ def fingerprint(
 ) -> tuple[str, str]:
     """The id and the hash that `read_demonstration` would give; no message is read.
 
-    The hash differs where facts about the flight stand among the messages of a damaged log: such a log is
-    read to be known.
-
-    Raises
-    ------
-    InputError, OSError
-        If the file cannot be read or is no log.
+    The hash differs where facts stand among the messages of a damaged log: such a log is read to be known.
+    Raises InputError or OSError if the file cannot be read or is no log.
     """
     path = Path(path)
     kind = door.kind_of(path)
@@ -278,15 +264,14 @@ def _digest(log: str, facts: LogOptions) -> str:
 
 def _sha256(path: Path, kind: str) -> str:
     """The hash of the bytes of a file; where several hold a flight, of all of them, photos by their heads."""
-    names = door.parts_of(path, kind)
-    whole = hashlib.sha256()
+    names, whole = door.parts_of(path, kind), hashlib.sha256()
     for name in names:
         with name.open("rb") as stream:
             if names == [path]:
                 return hashlib.file_digest(stream, "sha256").hexdigest()
             whole.update(f"{name.name}\0{name.stat().st_size}\0".encode())
-            if kind == "photos":
-                whole.update(stream.read(_PHOTO_HEAD))
-            else:
-                whole.update(hashlib.file_digest(stream, "sha256").digest())
+            photo = kind == "photos"
+            whole.update(
+                stream.read(_PHOTO_HEAD) if photo else hashlib.file_digest(stream, "sha256").digest()
+            )
     return whole.hexdigest()

@@ -30,27 +30,12 @@ class Key:
 
 def parse(row: Mapping[str, Any], what: str) -> dict[str, Any]:
     """The values of one entry, checked: typed by TOML, or text from CSV. `what` names it in errors."""
-    unknown = [str(key) for key in row if key not in KEYS]
-    if unknown:
+    if unknown := [str(key) for key in row if key not in KEYS]:
         raise InputError(what, f"unknown key {unknown[0][:60]!r}", f"known keys are {', '.join(KEYS)}")
     for name, key in KEYS.items():
         if key.required and name not in row:
             raise InputError(what, f"has no {name!r}", f"{name} is required: {key.meaning}")
     return {name: KEYS[name].parse(value, f"{what}, {name}") for name, value in row.items()}
-
-
-def axes(given: Mapping[str, Any], what: str) -> tuple[str, str]:
-    """Up and forward axis; a symmetric structure needs no forward axis."""
-    up, forward = given["up"], given.get("forward")
-    if forward is None and given.get("symmetric"):
-        forward = next(axis for axis in AXES if axis[-1] != up[-1])
-    if forward is None:
-        finding = "has no 'forward'"
-        rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
-        raise InputError(what, finding, rule, "declare it, or symmetric = true where there is none")
-    if forward[-1] == up[-1]:
-        raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
-    return up, forward
 
 
 def _parser(check: Callable[..., Any]) -> Callable[..., Parser]:
@@ -63,7 +48,7 @@ def text(value: Any, what: str, most: int) -> str:
     """Text of so many characters."""
     if isinstance(value, str) and len(value) <= most and "\0" not in value:
         return value
-    raise InputError(what, f"got {_shown(value)}", f"text of at most {most} characters")
+    raise InputError(what, f"got {value!r:.80}", f"text of at most {most} characters")
 
 
 @_parser
@@ -78,7 +63,7 @@ def number(
     if not low <= parsed <= high or parsed <= above:
         least = f"from {low:g}" if np.isinf(above) else f"above {above:g}, up"
         rule = f"a {'whole' if whole else 'finite'} number {least} to {high:g}"
-        raise InputError(what, f"got {_shown(value)}", rule)
+        raise InputError(what, f"got {value!r:.80}", rule)
     return parsed
 
 
@@ -87,7 +72,7 @@ def choice(value: Any, what: str, allowed: Sequence[str]) -> str:
     """One of these words."""
     word = value.strip().lower().removeprefix("+") if isinstance(value, str) else None
     if word is None or word not in allowed:
-        raise InputError(what, f"got {_shown(value)}", f"one of {', '.join(allowed)}")
+        raise InputError(what, f"got {value!r:.80}", f"one of {', '.join(allowed)}")
     return word
 
 
@@ -98,12 +83,12 @@ def _units(value: Any, what: str) -> float | None:
         return number(above=0.0, high=1e6)(value, what)
     except InputError:
         rule = f"one of {', '.join(UNITS)} (file: as the file itself declares), or metres per unit"
-        raise InputError(what, f"got {_shown(value)}", rule) from None
+        raise InputError(what, f"got {value!r:.80}", rule) from None
 
 
 def _flag(value: Any, what: str) -> bool:
     if (word := str(value).lower()) not in ("true", "false") or not isinstance(value, bool | str):
-        raise InputError(what, f"got {_shown(value)}", "true or false")
+        raise InputError(what, f"got {value!r:.80}", "true or false")
     return word == "true"
 
 
@@ -116,9 +101,8 @@ def array(value: Any, what: str, shape: Sequence[int], rule: str) -> Any:
     except (ValueError, TypeError, OverflowError):
         values = np.empty(0)
     sizes = [have if want == 0 else want for want, have in zip(shape, values.shape, strict=False)]
-    fits = values.shape == tuple(sizes) and values.ndim == len(shape)
-    if not fits or not np.isfinite(values).all():
-        raise InputError(what, f"got {_shown(value)}", rule)
+    if values.shape != tuple(sizes) or values.ndim != len(shape) or not np.isfinite(values).all():
+        raise InputError(what, f"got {value!r:.80}", rule)
     return tuple(values.tolist()) if len(shape) == 1 else values
 
 
@@ -143,7 +127,7 @@ def points(value: Any, what: str) -> dict[str, tuple[float, float, float]]:
     except ValueError:
         places = None
     if not isinstance(places, dict):
-        raise InputError(what, f"got {_shown(value)}", "name = [x, y, z], m, structure frame")
+        raise InputError(what, f"got {value!r:.80}", "name = [x, y, z], m, structure frame")
     point = array((3,), "[x, y, z], m, structure frame")
     return {check_id(name, what): point(xyz, f"{what} {name}") for name, xyz in places.items()}
 
@@ -155,7 +139,7 @@ def _rules(value: Any, what: str) -> tuple[str, ...]:
     except ValueError:
         names = None
     if not isinstance(names, list) or not all(isinstance(name, str) and name in RULES for name in names):
-        raise InputError(what, f"got {_shown(value)}", f"names of rules, of {', '.join(RULES)}")
+        raise InputError(what, f"got {value!r:.80}", f"names of rules, of {', '.join(RULES)}")
     return tuple(sorted(set(names)))
 
 
@@ -166,16 +150,11 @@ def _decoded(value: Any) -> Any:
         raise ValueError("nested too deeply") from None
 
 
-def _shown(value: Any) -> str:
-    return repr(value)[:80]
-
-
 _TYPES: dict[str, Callable[..., Parser]] = {"text": text, "number": number, "choice": choice, "array": array}
 _PARSERS: dict[str, Parser] = {
     "id": check_id, "units": _units, "boxes": _boxes, "polygon": _polygon, "points": points, "flag": _flag,
     "rules": _rules,
 }  # fmt: skip
-
 
 #: Every key of a manifest entry, in the order of the documentation.
 KEYS: dict[str, Key] = {}

@@ -1,7 +1,6 @@
 """Manifests: declarations about the structures of a folder, in TOML or CSV with the same keys.
 
-A mesh file states no unit, up axis or heading that can be trusted. Lengths other than those of the file
-itself are metres in the structure frame.
+A mesh file states no unit, axis or heading to trust. Other lengths are metres in the structure frame.
 """
 
 import csv
@@ -123,7 +122,15 @@ def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool) -> StructureEntry:
     given = keys.parse(row, what)
-    up, forward = keys.axes(given, what)
+    up, forward = given["up"], given.get("forward")
+    if forward is None and given.get("symmetric"):
+        forward = next(axis for axis in keys.AXES if axis[-1] != up[-1])
+    if forward is None:
+        rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
+        remedy = "declare it, or symmetric = true where there is none"
+        raise InputError(what, "has no 'forward'", rule, remedy)
+    if forward[-1] == up[-1]:
+        raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
     if given.get("clip_ground") and "ground_z" not in given:
         raise InputError(what, "has clip_ground but no ground_z", "the height of the ground to clip at")
     missing = [key for key in _PLACE if key not in given]
@@ -133,22 +140,14 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
     declared = {item.name: given[item.name] for item in fields(StructureEntry) if item.name in given}
     areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in _AREAS.items()}
     around = Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)
-    declared |= {"path": _inside(folder, given["path"], what, allow_outside), "up": up, "forward": forward}
+    path, root = Path(given["path"]), folder.resolve()
+    if not allow_outside and (path.is_absolute() or not (root / path).resolve().is_relative_to(root)):
+        finding = f"the path {given['path'][:120]!r} leaves the manifest's folder"
+        rule = "paths relative to the manifest, inside its folder"
+        raise InputError(what, finding, rule, "move the file there, or allow outside paths explicitly")
+    declared |= {"path": folder / path, "up": up, "forward": forward}
     declared |= {"structure_id": given["id"], "unit_m": given["units"], "surroundings": around}
     declared["nominal_m"] = tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height"))
     if not missing:
-        place = (*(given[key] for key in _PLACE), given.get("datum", "ellipsoid"))
-        declared["placement"] = Placement(*place)
+        declared["placement"] = Placement(*(given[key] for key in _PLACE), given.get("datum", "ellipsoid"))
     return StructureEntry(**declared)
-
-
-def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:
-    path = Path(name)
-    if allow_outside:
-        return folder / path
-    root = folder.resolve()
-    if path.is_absolute() or not (root / path).resolve().is_relative_to(root):
-        finding = f"the path {name[:120]!r} leaves the manifest's folder"
-        rule = "paths relative to the manifest, inside its folder"
-        raise InputError(what, finding, rule, "move the file there, or allow outside paths explicitly")
-    return folder / path

@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from upplied.checks import check_finite, check_id
+from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.geometry.reconstruction import looks_scanned
 from upplied.geometry.vectors import area_vectors
-from upplied.inputs.concerns import Findings, concerns, cut_off, nominal_problems
+from upplied.inputs.concerns import Findings, concerns, cut_off, find_outliers, nominal_problems
 from upplied.inputs.files import open_regular
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
-from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look, outward_normals
 from upplied.inputs.raw import NO_TRIANGLES, RawMesh, counted
 from upplied.inputs.repair import clean, clip_below, compact, topology_of, used_vertices
@@ -34,7 +33,6 @@ def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
     Parameters
     ----------
     entry : StructureEntry
-        Says where the file lies and what its units and axes mean.
     judge : bool
         False: a rule that is broken is no error, and stands in `verdicts_json` for who asks others too.
 
@@ -59,15 +57,9 @@ def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
 
 
 def fingerprint(entry: StructureEntry) -> str:
-    """The hash that `read_structure` would give, from the bytes of the file alone; nothing is parsed.
+    """The hash that `read_structure` would give, by the bytes of the file alone; OSError if it is unreadable.
 
-    It differs where a file refers to others beside it (glTF), whose bytes only a reader finds: such
-    a file is read to be known.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
+    It differs where a file refers to others beside it (glTF): such a file is read to be known.
     """
     with open_regular(entry.path) as stream:
         return _sha256(hashlib.file_digest(stream, "sha256").hexdigest(), entry)
@@ -75,22 +67,25 @@ def fingerprint(entry: StructureEntry) -> str:
 
 def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structure, Findings]:
     """The structure that a file holds by its entry, with all that was found on the way."""
-    vertices = structure_frame(raw, entry)
-    read = _mesh if len(raw.triangles) else _cloud
-    vertices, triangles, normals, findings = read(vertices, raw, entry)
+    vertices, unit_m = structure_frame(raw, entry)
+    made = _mesh if len(raw.triangles) else _cloud
+    vertices, triangles, normals, findings = made(vertices, raw, entry)
     nominal = nominal_problems(vertices, entry, findings.outliers)
     verdicts = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
     verdicts = decided(verdicts, entry.allow, entry.strict)
-    findings = replace(findings, done=(*raw.remarks, *findings.done), verdicts=verdicts)
+    findings = replace(
+        findings, unit_m=unit_m, unit_from="file" if entry.unit_m is None else "manifest",
+        up=entry.up, forward=entry.forward,
+        done=(*raw.remarks, *findings.done), verdicts=verdicts,
+    )  # fmt: skip
     declared: dict[str, Any] = {name: getattr(entry, name) for name in _AS_DECLARED}
     declared |= {
         "landmarks": dict(entry.landmarks),
         "notes": "; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
         "verdicts_json": to_json(verdicts) if verdicts else "",
+        "sha256": _sha256(sha256, entry),
     }
-    structure = Structure(
-        vertices=vertices, triangles=triangles, normals=normals, sha256=_sha256(sha256, entry), **declared
-    )
+    structure = Structure(vertices=vertices, triangles=triangles, normals=normals, **declared)
     what, stated = f"{entry.path} ({entry.structure_id})", entry.surface_error_m
     most = structure.diagonal_m / 10
     if structure.is_scan and structure.surface == "drawn":
@@ -103,8 +98,8 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     return structure, findings
 
 
-def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
-    """The vertices (V, 3) in metres in the structure frame, in double precision throughout."""
+def structure_frame(raw: RawMesh, entry: StructureEntry) -> tuple[Floats, float]:
+    """The vertices (V, 3) in metres in the structure frame, double precision throughout; metres per unit."""
     unit = raw.unit_m if entry.unit_m is None else entry.unit_m
     if unit is None or not 0 < unit < np.inf:
         problem = "does not declare its units" if unit is None else f"declares a unit of {unit} m"
@@ -118,24 +113,19 @@ def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
         finding, rule = f"has a coordinate of {far[0]:.3g} units", f"at most {_FARTHEST_M:g} m"
         raise InputError(str(entry.path), finding, rule, "check the units, or export it again")
     local = np.where(near, raw.vertices, np.nan) - np.asarray(entry.local_origin)
-    return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale)
+    return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale), unit
 
 
 def turn(up: str, forward: str) -> Floats:
     """Rotation (3, 3) that takes the file's axes to +X forward and Z up."""
-    rows = np.stack([_axis(forward), np.cross(_axis(up), _axis(forward)), _axis(up)])
+    x, z = ((-1.0 if name[0] == "-" else 1.0) * np.eye(3)["xyz".index(name[-1])] for name in (forward, up))
+    rows = np.stack([x, np.cross(z, x), z])
     if abs(np.linalg.det(rows) - 1) > 1e-9:
         raise InputError("axes", f"up {up!r} and forward {forward!r}", "two different axes of the file")
     return rows
 
 
-def _axis(name: str) -> Floats:
-    return (-1.0 if name.startswith("-") else 1.0) * np.eye(3)["xyz".index(name[-1])]
-
-
 def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
-    used = used_vertices(raw.triangles, len(vertices))
-    check_finite(vertices[used], (None, 3), f"{entry.path}, vertices")
     vertices, triangles, _, repairs = clean(vertices, raw.triangles)
     done = list(repairs)
     ground = entry.surroundings.ground_z_m
@@ -167,7 +157,6 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     final = topology_of(triangles) if drop.any() else topology
     verdicts += cut_off(vertices, final.rim)
     findings = Findings(
-        **_declared(raw, entry),
         parts=int(final.component.max()) + 1,
         hidden_parts=len(np.unique(topology.component[hidden])),
         area_m2=_area(vertices, triangles),
@@ -194,18 +183,12 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     normals, word = outward_normals(points, given)
     dropped = counted((len(vertices) - len(points), "points dropped that stood twice or nowhere"))
     words = filter(None, [word, "a point cloud: sizes and sight lines are as dense as its points"])
-    findings = Findings(**_declared(raw, entry), done=(*dropped, *words))
-    return points, NO_TRIANGLES, normals, findings
+    return points, NO_TRIANGLES, normals, Findings(done=(*dropped, *words))
 
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:
     if not len(triangles):
         raise InputError(str(entry.path), "holds no triangle that has an area", "a mesh", "export it again")
-
-
-def _declared(raw: RawMesh, entry: StructureEntry) -> dict[str, Any]:
-    unit = (raw.unit_m, "file") if entry.unit_m is None else (entry.unit_m, "manifest")
-    return {"unit_m": unit[0], "unit_from": unit[1], "up": entry.up, "forward": entry.forward}
 
 
 def _area(vertices: Floats, triangles: Ints) -> float:

@@ -29,7 +29,7 @@ _CLEAR = 0.2  # least difference of the two sides' votes, over their sum
 
 
 def look(
-    vertices: Floats, triangles: Ints, topology: Topology, ground_z_m: float | None = None, seed: int = 0
+    vertices: Floats, triangles: Ints, topology: Topology, ground_z_m: float | None
 ) -> tuple[Bools, Bools, float]:
     """Cast rays from both sides of samples on every patch of triangles (T, 3) and see which escape.
 
@@ -44,7 +44,7 @@ def look(
     wanted = _LEAST + np.floor(_SPREAD * patch_area / patch_area.sum()).astype(np.int64)
     fragments = np.argsort(-patch_area, kind="stable")[_MOST_PATCHES:]
     wanted[fragments] = 0
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     sample = _chosen(patch, area, wanted, rng)
     root, along = np.sqrt(rng.random(len(sample)))[:, None], rng.random(len(sample))[:, None]
     a, b, c = corners[sample].swapaxes(0, 1)
@@ -83,7 +83,6 @@ def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -
 
 
 def _escaped(scene: Scene, origins: Floats, normals: Floats, reach: float, ground: float | None) -> Floats:
-    """How many rays of each origin leave the structure, (N,)."""
     rays = _around(normals)
     starts = np.repeat(origins - scene.origin, _RAYS, axis=0).astype(np.float32)
     free = ~scene.blocked(np.concatenate([starts, (reach * rays).astype(np.float32)], axis=1), slack=0.0)
@@ -103,21 +102,20 @@ def _around(normals: Floats) -> Floats:
     return (local @ np.stack([*across(normals), normals], axis=1)).reshape(-1, 3)
 
 
-def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) -> tuple[Floats, str]:
+def outward_normals(points: Floats, given: Floats | None = None) -> tuple[Floats, str]:
     """Unit normals (N, 3) that point to where rays from outside come from, and what was done, in words.
 
     Given normals are kept, but turned as a whole where most of them point inwards. Others come from the
     plane of the nearest of the points (N, 3), m, N >= 4, each turned by the side from which more rays escape.
     """
     if given is None:
-        normals = planes(points)
+        normals = _planes(points)
     else:  # those without a direction come from the plane of their neighbours
         length = np.linalg.norm(given, axis=1)
         bad: Bools = ~(np.isfinite(length) & (length > 1e-9))
         normals = np.where(bad[:, None], 0.0, given) / np.where(bad, 1.0, length)[:, None]
-        normals[bad] = planes(points)[bad] if bad.any() else 0.0
-    rng = np.random.default_rng(seed)
-    judged = np.sort(rng.permutation(len(points))[:_JUDGED])
+        normals[bad] = _planes(points)[bad] if bad.any() else 0.0
+    judged = np.sort(np.random.default_rng(0).permutation(len(points))[:_JUDGED])
     vote = _votes(points[judged], normals[judged])
     clear = np.abs(vote) > _CLEAR
     if given is not None:
@@ -129,8 +127,7 @@ def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) 
     return _follow(points, normals, judged[clear], sign), "normals estimated and turned outwards"
 
 
-def planes(points: Floats) -> Floats:
-    """Normals (N, 3) of the planes through the nearest points, their sign arbitrary."""
+def _planes(points: Floats) -> Floats:
     tree, normals = cKDTree(points), np.empty_like(points)
     for rows in _chunks(len(points)):
         _, near = tree.query(points[rows], k=min(_NEIGHBOURS, len(points)))
@@ -148,16 +145,14 @@ def _votes(points: Floats, normals: Floats) -> Floats:
     spacing = neighbour_spacing(points)
     scene = Scene(*Discs.of(points, normals).mesh())
     reach = 2 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    directions = sphere(48)
-    escaped = np.zeros((2, len(points)))
+    directions, escaped = sphere(48), np.zeros((2, len(points)))
     for row, sign in enumerate((1.0, -1.0)):
         owner, which = np.nonzero((sign * normals) @ directions.T > 0.2)
         for gap in _GAPS:
             starts = points[owner] + sign * gap * spacing * normals[owner]
             free = ~scene.occluded(starts, starts + reach * directions[which], slack=0.0)
             escaped[row] += np.bincount(owner, free, len(points))
-    total = escaped.sum(axis=0)
-    return (escaped[0] - escaped[1]) / np.maximum(total, 1)
+    return (escaped[0] - escaped[1]) / np.maximum(escaped.sum(axis=0), 1)
 
 
 def _follow(points: Floats, normals: Floats, sure: Ints, sign: Floats) -> Floats:

@@ -41,22 +41,16 @@ class Source:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.data = read_regular(path, MAX_BYTES, remedy="decimate the mesh")
-        self._hash = hashlib.sha256(self.data)
-
-    @property
-    def sha256(self) -> str:
-        """Of all bytes that were read."""
-        return self._hash.hexdigest()
+        self.sha256 = hashlib.sha256(self.data)  # of all bytes that were read
 
     def sibling(self, uri: str) -> bytes:
         """The bytes of a file in the same folder; nothing else is opened."""
-        folder = self.path.parent.resolve()
-        name = unquote(uri)
+        folder, name = self.path.parent.resolve(), unquote(uri)
         if "://" in name or "\0" in name or not (folder / name).resolve().is_relative_to(folder):
             finding, remedy = f"refers to {name[:120]!r}, outside its folder", "export it as one file (.glb)"
             raise self.error(finding, "buffers in the file itself or in its folder", remedy)
         data = read_regular(folder / name, MAX_BYTES, f"{self.path}, its buffer {name[:120]!r}")
-        self._hash.update(data)
+        self.sha256.update(data)
         return data
 
     def error(self, finding: str, rule: str = "", remedy: str = "export the file again") -> InputError:
@@ -91,18 +85,13 @@ class Source:
 
 
 class Assembly:
-    """The pieces of a scene, put together with the transforms of their nodes.
-
-    A few bytes can place one piece a million times (nested instances), so the total is bounded by
-    the size of the file.
-    """
+    """The pieces of a scene, placed by their nodes; no more than a file of that size has in honesty."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._left = max(1_000_000, len(source.data) // 4)
+        self._left, self._count = max(1_000_000, len(source.data) // 4), 0
         self._pieces: list[tuple[Floats, Ints]] = []
         self._names: list[str] = []
-        self._count = 0
 
     def add(self, vertices: Floats, triangles: Ints, matrix: Floats, name: str) -> None:
         """One piece, placed by a matrix (4, 4); a mirroring one turns the winding."""
@@ -131,11 +120,7 @@ class Assembly:
 def flatten(
     source: Source, roots: list[tuple[Node, Floats]], children: Callable[[Node], list[tuple[Node, Floats]]]
 ) -> Iterator[tuple[Node, Floats]]:
-    """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
-
-    `children` gives those of a node, each with its transform to that node. What refers to itself, or
-    explodes, is refused.
-    """
+    """Every node of a tree, placed (4, 4), depth first; `children` are placed in it. A cycle is refused."""
     most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
     stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
     for _ in range(most + 1):
@@ -161,10 +146,9 @@ MAX_CORNERS = 10_000  # of one polygon; cutting ears takes their square at worst
 
 
 def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
-    """Triangles (T, 3) of planar polygons, winding kept, polygon after polygon.
+    """Triangles (T, 3) of planar polygons, winding kept, in their order; of less than three corners none.
 
-    Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist; those of less
-    than three give none.
+    Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist.
     """
     first = np.cumsum(sizes) - sizes
     triangles, polygons = [NO_TRIANGLES], [np.empty(0, np.int64)]
@@ -189,7 +173,6 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
 
 
 def _newell(points: Floats) -> Floats:
-    """Normals (P, 3) of polygons (P, n, 3), as long as twice their area."""
     centred = points - points[:, :1]
     return np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
 
@@ -211,17 +194,8 @@ def _ears(points: Floats) -> Ints:
 
 
 def numbers(text: bytes) -> Floats:
-    """All numbers of a text that white space separates.
-
-    Raises ValueError where something else stands among them.
-
-    Examples
-    --------
-    >>> numbers(b"1 2.5\\n-3e1")
-    array([  1. ,   2.5, -30. ])
-    """
-    text = text.strip()
-    if not text:
+    """All numbers of a text that white space separates; ValueError where something else is among them."""
+    if not (text := text.strip()):
         return np.empty(0)
     if b"\0" in text or b"," in text:
         raise ValueError("not a number")
@@ -233,29 +207,8 @@ def numbers(text: bytes) -> Floats:
             raise ValueError(str(error)) from None
 
 
-def integers(text: bytes) -> Ints:
-    """All whole numbers of a text that white space separates."""
-    return whole(numbers(text))
-
-
 def whole(values: Floats) -> Ints:
     """Numbers that must be whole as integers."""
     if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():
         raise ValueError("not a whole number")
     return values.astype(np.int64)
-
-
-def widths(text: bytes) -> Ints:
-    """How many words stand on each line; every line ends with a line feed.
-
-    Examples
-    --------
-    >>> widths(b"1 2\\n\\n3\\n")
-    array([2, 0, 1])
-    """
-    characters = np.frombuffer(text, np.uint8)
-    inside = characters > ord(" ")
-    begins = inside.copy()
-    begins[1:] &= ~inside[:-1]
-    ends = np.flatnonzero(characters == ord("\n"))
-    return np.diff(np.searchsorted(np.flatnonzero(begins), ends), prepend=0)

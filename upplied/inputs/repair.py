@@ -1,6 +1,4 @@
-"""How the triangles of a mesh hang together, and repair without judgement: weld, drop what has no area,
-stands twice or is used by nothing.
-"""
+"""How triangles hang together, and repair: weld, drop what has no area, stands twice or is not used."""
 
 from dataclasses import dataclass
 
@@ -23,8 +21,7 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, tuple[
     Returns its vertices (W, 3), m, and triangles (U, 3), in the order of the input and wound alike, which
     triangles of the input they are (U,), and in words how much was repaired.
     """
-    used = used_vertices(triangles, len(vertices))
-    chosen = np.flatnonzero(used)
+    chosen = np.flatnonzero(used_vertices(triangles, len(vertices)))
     near = weld(vertices[chosen])
     first = np.arange(len(vertices))
     first[chosen] = chosen[near]
@@ -41,10 +38,7 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, tuple[
 
 
 def weld(vertices: Floats) -> Ints:
-    """For each vertex the first kept one that it lies on, (V,); itself where it stands alone.
-
-    Kept ones lie farther than `WELD_M` from each other, so doing it twice changes nothing.
-    """
+    """For each vertex the first kept one within `WELD_M`, (V,); kept ones lie farther from each other."""
     alike = pd.DataFrame(vertices).groupby([0, 1, 2], sort=False).ngroup().to_numpy()
     once = np.unique(alike, return_index=True)[1]
     first = np.arange(len(once))
@@ -72,8 +66,7 @@ def _faults(vertices: Floats, triangles: Ints) -> Ints:
     # The height over the longest edge, in metres, squared; and relative to that edge.
     fault = np.where((normals**2).sum(axis=1) <= np.maximum(1e-18 * longest, 1e-20 * longest**2), 1, 0)
     intact = np.flatnonzero(fault == 0)
-    rows = np.sort(triangles[intact], axis=1)
-    order = np.lexsort(rows.T)
+    order = np.lexsort((rows := np.sort(triangles[intact], axis=1)).T)
     repeated = (np.diff(rows[order], axis=0) == 0).all(axis=1)
     fault[intact[order[1:][repeated]]] = 2
     return fault
@@ -93,10 +86,7 @@ def compact(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
 
 
 def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, Ints, Ints]:
-    """What of a mesh lies above a height: vertices, triangles (U, 3), and from which each of them is cut.
-
-    The cut stays open.
-    """
+    """What of a mesh lies above a height, left open: vertices, triangles (U, 3), and from which each is."""
     height = vertices[:, 2] - z_m
     above = height[triangles] >= 0
     count = above.sum(axis=1)
@@ -136,7 +126,6 @@ class Topology(Record):
 
     @property
     def watertight(self) -> bool:
-        """Whether every edge has two triangles, wound alike."""
         return not (self.boundary_edges or self.nonmanifold_edges or self.twisted_edges)
 
 

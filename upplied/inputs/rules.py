@@ -1,7 +1,4 @@
-"""Rules for imported files, their bounds, verdicts on those that are broken, and how one is overruled.
-
-A rule is data (`rules.toml`). `decided` marks verdicts that are overruled, `refuse` raises the others.
-"""
+"""Rules for imported files (`rules.toml`), their bounds, and verdicts on those that are broken."""
 
 import json
 import math
@@ -65,12 +62,8 @@ def broken(rule: Rule, finding: str, allowed: str = "", remedy: str = "") -> Ver
 
 
 def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:
-    """The names of rules to overrule, each once.
-
-    Raises SettingsError if there is no rule of that name.
-    """
-    wanted = tuple(sorted(set(names)))
-    for name in wanted:
+    """The names of rules to overrule, each once; SettingsError if there is no rule of that name."""
+    for name in (wanted := tuple(sorted(set(names)))):
         if name not in rules:
             raise SettingsError(f"--allow {name}", "is no rule", f"one of {', '.join(sorted(rules))}")
     return wanted
@@ -91,11 +84,7 @@ def refusals(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 
 def refuse(what: str, verdicts: Iterable[Verdict]) -> None:
-    """Raise what a file is refused for, if anything.
-
-    Raises InputError naming each rule, what was found, what is allowed, the remedy, and how it is
-    overruled.
-    """
+    """Raise InputError if a file is refused: rules, what was found, what is allowed, how to overrule it."""
     if broken_rules := refusals(verdicts):
         remedy = "; ".join(dict.fromkeys(it.remedy for it in broken_rules if it.remedy))
         names = " ".join(dict.fromkeys(f"--allow {it.rule}" for it in broken_rules))
@@ -121,10 +110,7 @@ class Bounds:
 
     @classmethod
     def changed(cls, assignments: Iterable[str]) -> Self:
-        """The defaults, with bounds that are given as ``name=value``, or with their group before a dot.
-
-        Raises SettingsError if a name is unknown, or a value no number from 0 to 1e9.
-        """
+        """The defaults, with bounds given as ``[group.]name=value``; SettingsError if one is wrong."""
         known = [item.name for item in fields(cls)]
         values: dict[str, float] = {}
         for text in assignments:
@@ -164,7 +150,7 @@ class StructureSettings(Bounds):
     other_kind_share: float = 0.6  # what the unlikeness to another kind must fall to
 
 
-#: In which a log may be written, see `upplied.inputs.passport.conventions`.
+#: In which a log may be written, see `upplied.inputs.passport.fits`.
 CONVENTIONS: Mapping[str, Any] = table("passport/conventions.toml")
 
 #: Bounds that change what is kept of a flight, and so what is planned from it; the others only judge.
@@ -235,46 +221,28 @@ def measured(rule: str, *figures: Any) -> Verdict:
     return broken(RULES[rule], RULES[rule].finding.format(*figures))
 
 
-@dataclass(frozen=True)
-class KnownKind:
-    """One kind: bounds of its longest side, m, and of the proportions of its box."""
-
-    words: tuple[str, ...]  # of which one stands in the kind's name
-    longest_m: tuple[float, float]
-    width: tuple[float, float] = (0.0, math.inf)  # over the length
-    height: tuple[float, float] = (0.0, math.inf)  # over the larger of length and width
+_KINDS: list[dict[str, Any]] = table("rules.toml")["kind"]
+_ANY = (0.0, math.inf)
 
 
-KNOWN = tuple(
-    KnownKind(**{name: tuple(values) for name, values in row.items()}) for row in table("rules.toml")["kind"]
-)
-
-
-def known_kind(name: str) -> KnownKind | None:
-    """The kind that a name tells of; None where it is none of these.
-
-    Examples
-    --------
-    >>> known_kind("wind_turbine").longest_m
-    (8, 450)
-    """
+def known_kind(name: str) -> Mapping[str, Any] | None:
+    """The kind that a name as ``wind_turbine`` tells of: bounds of its size and proportions; else None."""
     words = set(re.split(r"[^a-z]+", name.lower()))
     words |= {word.removesuffix("s") for word in words}
-    return next((kind for kind in KNOWN if words & set(kind.words)), None)
+    return next((kind for kind in _KINDS if words & set(kind["words"])), None)
 
 
 def unlike_its_kind(size_m: Floats, name: str) -> Iterator[Verdict]:
     """What in the box (3,), m, of a structure is as in no other of its kind."""
-    kind = known_kind(name)
-    if kind is None:
+    if (kind := known_kind(name)) is None:
         return
     length, width, height = (float(side) for side in np.maximum(size_m, 1e-9))
-    longest, (low, high) = max(length, width, height), kind.longest_m
+    longest, (low, high) = max(length, width, height), kind["longest_m"]
     if not low <= longest <= high:
         yield broken(RULES["odd-size"], f"it is {longest:.3g} m: units?", f"{name}: {low:g} to {high:g} m")
     for words, ratio, (low, high) in (
-        ("as wide as long", width / length, kind.width),
-        ("as high as long or wide", height / max(length, width), kind.height),
+        ("as wide as long", width / length, kind.get("width", _ANY)),
+        ("as high as long or wide", height / max(length, width), kind.get("height", _ANY)),
     ):
         if not low <= ratio <= high:
             bounds = f"at least {low:g}" if math.isinf(high) else f"{low:g} to {high:g}"

@@ -1,8 +1,6 @@
-"""Facts about a flight besides its messages: side-car, metadata record and options.
+"""Facts about a flight besides its messages, of which the later win: options, metadata and side-car.
 
-A recorder does not know the structure or the mount. They stand in a metadata record ``inspection``, or in a
-side-car (``flight.toml``, table ``[inspection]``), which wins over it, as it over the options. What to read
-is the options'.
+A metadata record is ``inspection``, a side-car a ``flight.toml`` with a table of that name.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -38,11 +36,7 @@ Turn = Annotated[Vector | None, array((4,), "a unit quaternion x y z w")]
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Facts about a log; None or "" where nothing is declared.
-
-    The same names are the keys of the metadata record and of the side-car's ``[inspection]``,
-    except for the last block, which belongs to the reader. All lengths in m, angles in degrees.
-    """
+    """Facts about a log, by the keys of record and side-car; None or "" where nothing is declared."""
 
     structure_id: Annotated[str, check_id] = ""
     demonstration_id: Annotated[str, check_id] = ""  # default: the file's name
@@ -63,8 +57,7 @@ class LogOptions:
     frame_id: Text = ""
     structure_position_m: Place = None  # x y z
     structure_quat_xyzw: Turn = None  # structure to log frame
-    #: Landmarks in the log's frame, by which it is registered.
-    points: Annotated[tuple[tuple[str, Vector], ...], points] = ()
+    points: Annotated[tuple[tuple[str, Vector], ...], points] = ()  # landmarks in the log's frame, m
     # Or, for geodetic logs, where the structure stands.
     structure_lat_deg: Annotated[float | None, number(-90, 90)] = None
     structure_lon_deg: Annotated[float | None, number(-180, 360)] = None
@@ -76,8 +69,7 @@ class LogOptions:
     unit_m: Annotated[float | None, number(1e-6, 1e6)] = None  # metres per unit of a reconstruction's lengths
     # What the poses are of, and the camera.
     convention: Annotated[str, choice(tuple(CONVENTIONS))] = ""  # where it is not what the schema says
-    #: "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount).
-    body_frame: Annotated[str, choice(BODY_FRAMES)] = ""
+    body_frame: Annotated[str, choice(BODY_FRAMES)] = ""  # x forward, z forward, or x forward with a mount
     body_T_camera_position_m: Place = None
     body_T_camera_quat_xyzw: Turn = None
     body_T_antenna_position_m: Place = None  # of the satellite receiver, whose positions are logged
@@ -98,8 +90,7 @@ class LogOptions:
     camera_f_number: Annotated[float | None, number(0.5, 100)] = None
     camera_distortion: Annotated[Vector | None, array((0,), "numbers k1 k2 p1 p2 k3 k4 k5 k6")] = None
     camera_distortion_model: Annotated[str, choice(("brown", "fisheye"))] = ""
-    #: Where the axis meets the picture.
-    camera_middle_px: Annotated[Vector | None, array((2,), "x and y, px")] = None
+    camera_middle_px: Annotated[Vector | None, array((2,), "x and y, px")] = None  # where the axis meets it
     # Limits of the reader; options only.
     gap_s: Annotated[float, number(1e-3, 3600)] = 0.5  # a longer silence breaks the flight
     max_dropped: Annotated[float, number(0, 1)] = 0.05  # share of the samples
@@ -110,13 +101,12 @@ class LogOptions:
     passport: PassportSettings = field(default_factory=PassportSettings)
 
 
-_READER_ONLY = ("gap_s", "max_dropped", "min_duration_s", "allow", "strict", "passport")
 _KEYS: dict[str, Parser] = {
     name: hint.__metadata__[0]
     for name, hint in get_type_hints(LogOptions, include_extras=True).items()
     if hasattr(hint, "__metadata__")
 }
-_NAMES = tuple(item.name for item in fields(LogOptions) if item.name not in _READER_ONLY)
+_NAMES = tuple(name for name in _KEYS if name not in ("gap_s", "max_dropped", "min_duration_s"))
 _FAR_M = 1e7
 
 
@@ -125,9 +115,7 @@ def inspection(
 ) -> tuple[LogOptions, list[str]]:
     """All facts about a flight, each from its strongest source, and in words the options that were overruled.
 
-    `metadata` are the named records of the log. The facts are checked; `demonstration_id` is filled in,
-    `structure_id` may be missing.
-
+    `metadata` are named records of the log. `demonstration_id` is filled in, `structure_id` may be missing.
     Raises InputError if a value has the wrong form, or the side-car holds an unknown key.
     """
     given = {name: getattr(options, name) for name in _KEYS} | {"points": dict(options.points)}
@@ -166,37 +154,26 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
     """The facts with the structure's place on the Earth, where they do not have it themselves."""
     if placement is None or facts.structure_lat_deg is not None:
         return facts
-    names = (item.name for item in fields(placement))
-    return replace(facts, **{f"structure_{name}": getattr(placement, name) for name in names})
+    return replace(facts, **{f"structure_{name}": value for name, value in asdict(placement).items()})
 
 
 def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:
     """The facts with the defaults of a kind of file, where nothing else is declared."""
-    missing = {name: value for name, value in defaults.items() if not _given(getattr(facts, name))}
-    return replace(facts, **missing)
+    return replace(facts, **{key: it for key, it in defaults.items() if not _given(getattr(facts, key))})
 
 
 def safe_id(text: str) -> str:
-    """An id made of a file's name.
-
-    Examples
-    --------
-    >>> safe_id("A320 left wing (2)")
-    'A320-left-wing-2'
-    """
-    safe = re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-_")[:64].rstrip("-_")
-    return safe or "flight"
+    """An id made of a file's name: ``A320-left-wing-2`` of ``A320 left wing (2)``."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-_")[:64].rstrip("-_") or "flight"
 
 
 def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: bool) -> LogOptions:
-    version = values.get("schema_version", "1")
-    if str(version) != "1":
-        raise InputError(what, f"has schema_version {str(version)[:20]!r}", "schema_version 1")
+    if (version := str(values.get("schema_version", "1"))) != "1":
+        raise InputError(what, f"has schema_version {version[:20]!r}", "schema_version 1")
     unknown = [str(name) for name in values if name not in (*_NAMES, "schema_version")]
     if unknown and strict:
         raise InputError(what, f"has an unknown key {unknown[0][:60]!r}", f"one of {', '.join(_NAMES)}")
-    given = {name: _parsed(name, values[name], what) for name in _NAMES if _given(values.get(name))}
-    return replace(facts, **given)
+    return replace(facts, **{it: _parsed(it, values[it], what) for it in _NAMES if _given(values.get(it))})
 
 
 def _given(value: Any) -> bool:

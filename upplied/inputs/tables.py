@@ -50,7 +50,6 @@ class Table:
 
     @property
     def schema(self) -> str:
-        """Short name of the schema, whatever the encoding."""
         return self.channel.schema_short
 
     def __len__(self) -> int:
@@ -93,7 +92,6 @@ class Table:
 
     @property
     def rate_hz(self) -> float:
-        """Messages a second by the recorder's clock."""
         span = float(np.ptp(self.log_ns)) * 1e-9 if len(self) > 1 else 0.0
         return (self.messages - 1) / span if span > 0 else 0.0
 
@@ -102,18 +100,12 @@ def joined(tables: list[Table]) -> Table:
     """Several channels of one topic and schema as one table, in the order of their log times."""
     if len(tables) == 1:
         return tables[0]
-    pieces = [(table.columns, np.column_stack([table.log_ns, table.publish_ns])) for table in tables]
-    columns, times = stacked(pieces)
+    columns, times = stacked([(it.columns, np.column_stack([it.log_ns, it.publish_ns])) for it in tables])
     order = np.argsort(times[:, 0], kind="stable")
-    return Table(
-        channel=tables[0].channel,
-        columns={path: column[order] for path, column in columns.items()},
-        log_ns=times[order, 0],
-        publish_ns=times[order, 1],
-        messages=sum(table.messages for table in tables),
-        dropped=sum((table.dropped for table in tables), Counter()),
-        problem=next((table.problem for table in tables if table.problem), ""),
-    )
+    columns = {path: column[order] for path, column in columns.items()}
+    messages, dropped = sum(it.messages for it in tables), sum((it.dropped for it in tables), Counter[str]())
+    problem = next((it.problem for it in tables if it.problem), "")
+    return Table(tables[0].channel, columns, times[order, 0], times[order, 1], messages, dropped, problem)
 
 
 def stacked(pieces: Sequence[Piece]) -> Piece:
@@ -122,11 +114,10 @@ def stacked(pieces: Sequence[Piece]) -> Piece:
     if not pieces:
         return {}, np.empty((0, 2), np.int64)
     likes = {path: column for columns, _ in reversed(pieces) for path, column in columns.items()}
-    columns_by_path = {
-        path: np.concatenate([_like(like, columns.get(path), len(times)) for columns, times in pieces])
-        for path, like in sorted(likes.items())
-    }
-    return columns_by_path, np.concatenate([times for _, times in pieces])
+    whole = {}
+    for path, like in sorted(likes.items()):
+        whole[path] = np.concatenate([_like(like, held.get(path), len(times)) for held, times in pieces])
+    return whole, np.concatenate([times for _, times in pieces])
 
 
 def _like(like: Any, column: Any, rows: int) -> Any:

@@ -1,23 +1,28 @@
-"""The pilot's brief: map, heights, flights, times, rules, verdict and assumptions."""
+"""The pilot's brief, on paper, and the pilot's part of a plan's page: the mission, drawn and in figures."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
+from upplied.catalog.verbs.recipes import settings_of
+from upplied.errors import UppliedError
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs import pages
 from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_drawing import MissionDrawing
-from upplied.outputs.mission_options import MissionOptions
+from upplied.outputs.missions import Mission, MissionOptions, missions_for
 from upplied.outputs.missions.gate import DRAFT
-from upplied.outputs.missions.records import Mission
 from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
-from upplied.records import Camera, Structure
+from upplied.records import Camera, Plan, Structure
+
+_MB_OF_A_MEGAPIXEL = 0.4  # of a JPEG as inspection cameras write it
+_USUAL_MEGAPIXELS = 20.0  # if the log does not state the size of the picture
 
 
 def brief_html(
@@ -33,36 +38,23 @@ def brief_html(
 ) -> str:
     """One self-contained page, A4 when printed.
 
-    Parameters
-    ----------
-    row : mapping
-        The plan's row of `transfers`.
-    missions : sequence of Mission
-        Its sorties; they passed the gate, or their notes list the overruled rules.
-    structure : Structure
-    camera : Camera
-        Its picture is drawn for each photo.
-    options : MissionOptions
-        Options of the missions.
-    warnings : sequence of str
-        Warnings of the plan.
-    zones : sequence of str
-        Result for each required zone.
-    photos : sequence of (str, bytes)
-        Captions and PNGs of findings to inspect again.
-    custody : sequence of str
-        The note with the heads of the catalog's tables.
+    The row is the plan's of `transfers`; the missions are its sorties, which passed the gate, or their notes
+    list the overruled rules. `zones` are the result for each required zone, `photos` captions and PNGs of
+    findings to inspect again, `custody` the note with the heads of the catalog's tables.
     """
     notes = [*missions[0].notes, *custody]
     overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]
     title = f"{row['demonstration_id']} on {row['target_id']}"
+    drawing = MissionDrawing.of_missions(missions, structure, camera)
+    north = "Map, north up. H: take-off; dots: photos; yellow: their footprints; grey: transit legs."
+    heights = _figure(drawing.heights(), "Heights above take-off, by distance flown.")
     body = [
         f"<h1>{_text(title)}</h1>",
         f"<p>Plan {_text(row['transfer_id'])}, preset {_text(row['preset'])}, "
         f"method {_text(row['method_version'])}, planned {_text(row['planned_at'])[:16]} UTC</p>",
         _verdict(overruled),
         f"<p>{_text(headline(row, options.clearance_m))}</p>",
-        _maps(MissionDrawing.of_missions(missions, structure, camera)),
+        f'<div class="maps">{_figure(drawing.map(), north)}{heights}</div>',
         '<div class="columns"><div>',
         _heights(missions, structure, options),
         "</div><div>",
@@ -83,15 +75,6 @@ def _verdict(overruled: Sequence[str]) -> str:
     draft = all(note.startswith(DRAFT) for note in overruled)
     words = "This plan is a draft and is not released" if draft else "Safety rules were overruled"
     return f'<div class="verdict stop">{words}:{_items(overruled)}</div>'
-
-
-def _maps(drawing: MissionDrawing) -> str:
-    north = _figure(
-        drawing.map(),
-        "Map, north up. H: take-off; dots: photos; yellow: their footprints; grey: transit legs.",
-    )
-    heights = _figure(drawing.heights(), "Heights above take-off, by distance flown.")
-    return f'<div class="maps">{north}{heights}</div>'
 
 
 def _photos(photos: Sequence[tuple[str, bytes]]) -> str:
@@ -127,11 +110,11 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 
 
 def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
-    size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
-    rows = []
+    scaled, rows = row.get("standoff_mode") == "scaled", []
     for name, (words, form) in LABELS["brief"].items():
         if (value := number(row, name)) is not None:
-            rows.append((words + size * (name == "coverage_inspected_pct"), form.format(value)))
+            size = ", relative to size" if scaled and name == "coverage_inspected_pct" else ""
+            rows.append((words + size, form.format(value)))
     if by_photos_pct == by_photos_pct:
         rows.insert(1, ("inspected surface shown by the photos", f"{by_photos_pct:.1f} %"))
     return _table("Plan", rows)
@@ -167,3 +150,80 @@ def _items(texts: Sequence[str]) -> str:
 
 def _text(value: object) -> str:
     return html.escape(str(value))
+
+
+def fly_data(row: Any, plan: Plan, structure: Structure, camera: Camera) -> dict[str, Any]:
+    """The mission of a plan with the usual options; ``refused`` is the reason why there is none.
+
+    A draft is drawn as a draft: its file leaves by a release alone.
+    """
+    if plan.status != "ok":
+        return path_drawn(plan, structure, camera, plan.reason or "The plan has no path.")
+    options = as_settled(row, MissionOptions(draft=True))
+    try:
+        missions = missions_for("qgc-plan", plan, structure, options, camera)
+    except UppliedError as error:
+        return path_drawn(plan, structure, camera, str(error))
+    return _mission_data(missions, structure, options, camera)
+
+
+def path_drawn(plan: Plan, structure: Structure, camera: Camera, refused: str = "") -> dict[str, Any]:
+    """The path of a plan alone, as `fly_data` shows a mission; `refused` says why there is none."""
+    if plan.trajectory is None or plan.is_viewpoint is None:
+        return {"refused": refused}
+    return {"refused": refused, **_drawings(MissionDrawing.of_plan(plan, structure, camera))}
+
+
+def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
+    """The options with the vehicle, and at least the clearance, of the plan's settings where none was set."""
+    try:
+        settings = settings_of(str(row.get("settings_json") or "{}"))
+    except (ValueError, KeyError, UppliedError):  # of a program that knew other settings
+        return options
+    usual, vehicle = MissionOptions(), asdict(settings.vehicle)
+    more = {name: value for name, value in vehicle.items() if getattr(options, name) == getattr(usual, name)}
+    if settings.route.enforce and options.clearance_m == usual.clearance_m:
+        more["clearance_m"] = max(usual.clearance_m, settings.route.clearance_m)
+    return replace(options, **more)
+
+
+def _mission_data(
+    missions: Sequence[Mission], structure: Structure, options: MissionOptions, camera: Camera
+) -> dict[str, Any]:
+    """Drawings, flights, heights, photos and battery of a mission as a page shows them."""
+    first, home = missions[0], missions[0].home_local
+    photos = sum(map(_count_photos, missions))
+    usable_s = None if options.endurance_s is None else options.endurance_s * (1 - options.reserve_pct / 100)
+    megapixels = camera.width_px * camera.height_px / 1e6 or _USUAL_MEGAPIXELS
+    legs = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
+    data = {"refused": "", **_drawings(MissionDrawing.of_missions(missions, structure, camera))}
+    data |= {"home_deg": first.home[:2].tolist(), "return_m": first.return_height_m}
+    data["transit_m"] = float(legs.max() - home[2]) if len(legs) else None
+    data["highest_m"] = float(max(mission.height_m.max() for mission in missions))
+    data |= {"endurance_s": options.endurance_s, "usable_s": usable_s, "photos": photos}
+    data["shown_pct"] = None if np.isnan(first.shown_pct) else first.shown_pct
+    data |= {"interval_s": _interval_s(missions), "storage_mb": photos * (megapixels * _MB_OF_A_MEGAPIXEL)}
+    data["assumed_camera"] = not camera.width_px
+    return data | {"flights_s": [mission.duration_s for mission in missions]}
+
+
+def _drawings(drawing: MissionDrawing) -> dict[str, Any]:
+    return {"map": drawing.map(), "heights": drawing.heights(), "legend": drawing.legend()}
+
+
+def _count_photos(mission: Mission) -> int:
+    if not mission.photo_distance_m:
+        return int(mission.photo.sum())
+    return 1 + int(leg_lengths(mission.local[mission.inspect]).sum() / mission.photo_distance_m)
+
+
+def _interval_s(missions: Sequence[Mission]) -> float | None:
+    """The shortest time between two photos, s; the camera must store one within it."""
+    shortest = []
+    for mission in missions:
+        if mission.photo_distance_m:
+            fastest = float(mission.speed_mps[mission.inspect].max())
+            shortest.append(mission.photo_distance_m / max(fastest, 0.1))
+        else:
+            shortest += np.diff(mission.arrival_s[mission.photo]).tolist()
+    return min(shortest, default=None)

@@ -35,8 +35,6 @@ CLASSES = (SURFACE, "#b9a26a", "#d55e00", "#cc79a7")
 def rgb(colour: str) -> tuple[float, float, float]:
     """Red, green and blue in 0 .. 1 of ``#rrggbb``.
 
-    Examples
-    --------
     >>> rgb("#ff0000")
     (1.0, 0.0, 0.0)
     """

@@ -1,4 +1,4 @@
-"""Structures as a browser shows them: few triangles, small enough for a colour each."""
+"""Structures as a browser shows them, few triangles, small enough for a colour each; and as PLY files."""
 
 from __future__ import annotations
 
@@ -15,10 +15,8 @@ from upplied.geometry.vectors import area_vectors, unit
 from upplied.inputs.rules import from_json
 from upplied.records import SURFACE_STATES, Floats, Ints, Record, Structure, SurfaceStates
 
-_MOST_TRIANGLES = 18_000
-_MOST_POINTS = 12_000
-_ROUNDS = 24
-_VOTES = 5
+_MOST_TRIANGLES, _MOST_POINTS = 18_000, 12_000
+_ROUNDS, _VOTES = 24, 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,11 +28,7 @@ class DisplayMesh(Record):
 
 
 def display_mesh(structure: Structure) -> DisplayMesh:
-    """The mesh to show.
-
-    Fine meshes are simplified, large triangles split, so that a colour for each triangle shows
-    where the surface is seen.
-    """
+    """The mesh to show: fine meshes are simplified, and large triangles split, as each has one colour."""
     if not len(structure.triangles):
         chosen = chosen_evenly(len(structure.vertices), _MOST_POINTS)
         return DisplayMesh(structure.vertices[chosen], np.empty((0, 3), np.int64))
@@ -67,8 +61,7 @@ def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats,
 def display_states(mesh: DisplayMesh, states: SurfaceStates, nearest: Ints | None = None) -> np.ndarray:
     """State (T,) of each triangle, or (V,) of each point of a cloud, uint8.
 
-    `nearest` is the result of `nearest_samples` for the same mesh and samples, if known: all plans for a
-    target share it.
+    `nearest` is the result of `nearest_samples`, if known: all plans for a target share it.
     """
     if not len(states.points):
         return np.zeros(len(mesh.triangles) or len(mesh.vertices), np.uint8)
@@ -129,15 +122,10 @@ def structure_data(structure: Structure, mesh: DisplayMesh) -> dict[str, Any]:
     vertices, triangles = mesh.vertices, mesh.triangles
     origin = ((vertices.min(axis=0) + vertices.max(axis=0)) / 2).round(3)
     index = triangles.astype(np.uint16 if len(vertices) < 65536 else np.uint32)
-    return {
-        "id": structure.structure_id,
-        "kind": structure.kind,
-        "origin": origin.tolist(),
-        "size_m": np.ptp(structure.vertices, axis=0).round(2).tolist(),
-        "findings": "; ".join(map(str, from_json(structure.verdicts_json))),
-        "vertices": packed((vertices - origin).astype(np.float32)),
-        "triangles": packed(index),
-    }
+    data = {"id": structure.structure_id, "kind": structure.kind, "origin": origin.tolist()}
+    data |= {"size_m": np.ptp(structure.vertices, axis=0).round(2).tolist()}
+    data |= {"findings": "; ".join(map(str, from_json(structure.verdicts_json)))}
+    return data | {"vertices": packed((vertices - origin).astype(np.float32)), "triangles": packed(index)}
 
 
 def packed(array: np.ndarray) -> dict[str, str]:
@@ -145,3 +133,17 @@ def packed(array: np.ndarray) -> dict[str, str]:
     plain = np.ascontiguousarray(array)
     little = plain.astype(plain.dtype.newbyteorder("<"))
     return {"type": little.dtype.str.lstrip("<|"), "data": base64.b64encode(little.tobytes()).decode()}
+
+
+def ply_bytes(vertices: Floats, triangles: Ints, normals: Floats | None = None) -> bytes:
+    """A binary PLY in double precision: vertices (V, 3), m, triangles (T, 3), and normals (V, 3)."""
+    names = ("x", "y", "z") if normals is None else ("x", "y", "z", "nx", "ny", "nz")
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    head += [f"property double {name}" for name in names]
+    if len(triangles):
+        head += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+    rows = vertices if normals is None else np.hstack([vertices, normals])
+    faces = np.empty(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, triangles
+    text = "\n".join([*head, "end_header", ""]).encode()
+    return text + np.ascontiguousarray(rows, "<f8").tobytes() + faces.tobytes()

@@ -15,18 +15,11 @@ from upplied.outputs.draw.canvas import Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.labels import LABELS
-from upplied.records import (
-    SURFACE_STATES,
-    Camera,
-    Demonstration,
-    Floats,
-    Ints,
-    Plan,
-    Structure,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.records import Camera, Demonstration, Floats, Ints, Plan, Structure, SurfaceStates, Trajectory
 
+_Line = tuple[Floats, tuple[float, float, float]]  # positions and colour of a path
+_Cameras = tuple[Floats, Floats, Camera, tuple[float, float, float]]  # positions and quaternions likewise
+_Box = tuple[int, int, int, int]  # left, top, width and height of a panel, px
 _WIDTH = 1400  # px of a figure
 _THUMBNAIL = 128, 88  # px
 _FRUSTA = 24  # at most so many along a path
@@ -41,26 +34,16 @@ def structure_png(
     title: str = "",
     width: int = _WIDTH,
 ) -> bytes:
-    """A structure from several sides.
+    """A structure from several sides, as a PNG; equal input gives equal bytes.
 
     Parameters
     ----------
-    structure : Structure
     views : sequence of view names or View
-        See `upplied.outputs.draw.views.VIEWS`; the first is drawn large.
-    states : SurfaceStates, optional
-        Colours the surface.
+        See `upplied.outputs.draw.views.VIEWS`; the first is drawn large. `states` colour the surface.
     trajectories : sequence of (name, trajectory or demonstration, colour)
         Drawn as tubes; a colour is ``#rrggbb``.
-    title : str
-        Default: id, kind and size.
-    width : int
-        Of the picture, px.
-
-    Returns
-    -------
-    bytes
-        A PNG; equal input gives equal bytes.
+    title, width : str, int
+        Default: id, kind and size; width of the picture, px.
     """
     if not views:
         raise SettingsError("views", "none given", "at least one")
@@ -79,14 +62,7 @@ def structure_png(
 def separation_png(structure: Structure, label: Ints, names: Sequence[str], cleaned: Structure) -> bytes:
     """A scan with its surroundings in colours, and the structure alone.
 
-    Parameters
-    ----------
-    structure : Structure
-    label : array of int, shape (T,) or (N,)
-        The class of each triangle, or of each point of a cloud.
-    names : sequence of str
-        Names of the classes; the first is the structure.
-    cleaned : Structure
+    `label` has the class of each triangle (T,), or of each point of a cloud (N,); the first is the structure.
     """
     before, after = solid(structure, label=label), solid(cleaned)
     boxes = [(0, at * (_WIDTH * 2 // 5), _WIDTH, _WIDTH * 2 // 5) for at in (0, 1)]
@@ -109,16 +85,13 @@ def transfer_png(
 ) -> bytes:
     """Two panels: the demonstration on its structure, and the plan on the target.
 
-    The source is coloured by ``plan.inspected`` and the target by ``plan.surface``, if known. For a refused
-    plan only the target is drawn, with the reason. Both panels have the same view, each fitted to its own
-    content; by default it is from the side of the flight.
+    They are coloured by ``plan.inspected`` and ``plan.surface``, if known; of a refused plan only the target
+    is drawn, with the reason. Both have the same view, by default from the side of the flight.
     """
-    chosen = _chosen(view, source, demonstration)
-    half = width // 2
-    left = _demonstrated(source, demonstration, plan.inspected, view, width)
+    chosen, half = _chosen(view, source, demonstration), width // 2
+    left = _demonstrated(source, demonstration, plan.inspected, chosen, half)
     high = max(len(left.image), _height(chosen, _content(target, [plan.trajectory]), half))
-    colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
-    lines, cameras = _plan_lines(plan, colour, demonstration.camera)
+    lines, cameras = _plan_lines(plan, demonstration.camera)
     note = f"{plan.preset} plan for {target.structure_id}"
     right = _panel(solid(target, plan.surface), lines, cameras, chosen, (half, 0, half, high), note)
     legend = [("demonstrated path", DEMONSTRATED, "line")]
@@ -130,22 +103,16 @@ def transfer_png(
 
 
 def _demonstrated(
-    source: Structure,
-    demonstration: Demonstration,
-    states: SurfaceStates | None,
-    view: str | View | None,
-    width: int,
+    source: Structure, demonstration: Demonstration, states: SurfaceStates | None, view: View, width: int
 ) -> Panel:
-    """The left half of `transfer_png`."""
-    chosen, half = _chosen(view, source, demonstration), width // 2
     shown = chosen_evenly(len(demonstration), _FRUSTA)
     flown = (demonstration.positions[shown], demonstration.quat_xyzw[shown])
     return _panel(
         solid(source, states),
         [(demonstration.positions, rgb(DEMONSTRATED))],
         [(*flown, demonstration.camera, rgb(DEMONSTRATED))],
-        chosen,
-        (0, 0, half, _height(chosen, _content(source, [demonstration.trajectory]), half)),
+        view,
+        (0, 0, width, _height(view, _content(source, [demonstration.trajectory]), width)),
         f"demonstrated on {source.structure_id}",
     )
 
@@ -161,17 +128,13 @@ def demonstration_png(
     source: Structure, demonstration: Demonstration, states: SurfaceStates | None = None
 ) -> bytes:
     """PNG of a demonstration round its structure, with cameras and the inspected surface, if known."""
-    panel = _demonstrated(source, demonstration, states, None, 2 * _WIDTH)
+    panel = _demonstrated(source, demonstration, states, _chosen(None, source, demonstration), _WIDTH)
     legend = [("demonstrated path", DEMONSTRATED, "line"), *_state_legend([states])]
-    return sheet_png([panel], legend, demonstration.demonstration_id, "")
+    return sheet_png([panel], legend, demonstration.demonstration_id)
 
 
 def comparison_png(
-    target: Structure,
-    plans: Sequence[Plan],
-    *,
-    view: str | View | None = None,
-    width: int = _WIDTH,
+    target: Structure, plans: Sequence[Plan], *, view: str | View | None = None, width: int = _WIDTH
 ) -> bytes:
     """Several plans for one target side by side, for instance the presets, in the same frame."""
     if not plans:
@@ -185,11 +148,9 @@ def comparison_png(
     body = solid(target) if all(plan.surface is None for plan in plans) else None
     panels = []
     for at, plan in enumerate(plans):
-        colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
-        lines, _ = _plan_lines(plan, colour)
-        label = f"{plan.preset}: {figures(plan)}"
-        drawn = body or solid(target, plan.surface)
-        panels.append(_panel(drawn, lines, [], chosen, (at * wide, 0, wide, high), label, everything))
+        label, drawn = f"{plan.preset}: {figures(plan)}", body or solid(target, plan.surface)
+        box = (at * wide, 0, wide, high)
+        panels.append(_panel(drawn, _plan_lines(plan)[0], [], chosen, box, label, everything))
     legend = [(plan.preset, PRESETS.get(plan.preset, DEMONSTRATED), "line") for plan in plans]
     legend += _state_legend([plan.surface for plan in plans])
     return sheet_png(panels, legend, f"{plans[0].demonstration_id} → {target.structure_id}")
@@ -204,12 +165,10 @@ def figures(plan: Plan) -> str:
     return " · ".join(f"{words} {form.format(value)}" for words, form, value in known)
 
 
-def _plan_lines(
-    plan: Plan, colour: tuple[float, float, float], camera: Camera | None = None
-) -> tuple[list, list]:
+def _plan_lines(plan: Plan, camera: Camera | None = None) -> tuple[list[_Line], list[_Cameras]]:
     if plan.trajectory is None:
         return [], []
-    path = plan.trajectory
+    path, colour = plan.trajectory, rgb(PRESETS.get(plan.preset, DEMONSTRATED))
     chosen = np.arange(len(path)) if plan.is_viewpoint is None else np.flatnonzero(plan.is_viewpoint)
     chosen = chosen[chosen_evenly(len(chosen), _FRUSTA)]
     cameras = [(path.positions[chosen], path.quat_xyzw[chosen], camera, colour)] if camera else []
@@ -218,10 +177,10 @@ def _plan_lines(
 
 def _panel(
     body: Solid,
-    lines: Sequence[tuple[Floats, tuple[float, float, float]]],
-    cameras: Sequence[tuple[Floats, Floats, Camera, tuple[float, float, float]]],
+    lines: Sequence[_Line],
+    cameras: Sequence[_Cameras],
     view: View,
-    box: tuple[int, int, int, int],
+    box: _Box,
     label: str,
     shown: Floats | None = None,
 ) -> Panel:
@@ -251,7 +210,7 @@ def _height(view: View, content: Floats, wide: int) -> int:
     return 2 * round(wide * float(np.clip(proportion(view, content), 0.35, 1.0)) / 2) + 50
 
 
-def _layout(count: int, width: int) -> list[tuple[int, int, int, int]]:
+def _layout(count: int, width: int) -> list[_Box]:
     """The first view large on the left, the others stacked on its right."""
     if count == 1:
         return [(0, 0, width, round(width * 0.6))]
@@ -263,4 +222,4 @@ def _layout(count: int, width: int) -> list[tuple[int, int, int, int]]:
 
 def _state_legend(states: Sequence[SurfaceStates | None]) -> list[tuple[str, str, str]]:
     present = {int(code) for each in states if each is not None for code in np.unique(each.state)} - {0}
-    return [(SURFACE_STATES[code], STATES[SURFACE_STATES[code]], "patch") for code in sorted(present)]
+    return [(name, colour, "patch") for code, (name, colour) in enumerate(STATES.items()) if code in present]

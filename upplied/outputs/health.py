@@ -73,12 +73,8 @@ class HealthReport(Record):
 def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
     """What a mesh or cloud file holds, what was repaired, and what a person should look at.
 
-    For a path alone, units and axes are as the file declares, else assumed, and the report says so.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read at all. A size off the nominal one is reported, not raised.
+    For a path alone, units and axes are as the file declares, else assumed, and the report says so. An
+    `InputError` where the file cannot be read at all; a size off the nominal one is reported, not raised.
     """
     declared = entry_or_path if isinstance(entry_or_path, StructureEntry) else None
     path = declared.path if declared else Path(str(entry_or_path))

@@ -142,11 +142,8 @@ class MissionDrawing:
 
     def legend(self) -> list[tuple[str, str, str]]:
         """What the drawings show: in words, the kind of its mark, and its colour."""
-        words = (
-            [f"flight {at + 1}" for at in range(len(self.flights))]
-            if self.flights[1:]
-            else ["inspection path"]
-        )
+        several = len(self.flights) > 1
+        words = [f"flight {at + 1}" if several else "inspection path" for at in range(len(self.flights))]
         marks = [(word, "line", _colour(at, True)) for at, word in enumerate(words)]
         if self.home is not None:
             marks = [("take-off", "home", ""), *marks, ("transit legs", "line", _TRANSIT)]
@@ -216,7 +213,6 @@ def _ticks(low: float, high: float, most: int) -> Floats:
 
 
 def _svg(parts: Sequence[str]) -> str:
-    """A drawing as the address of a picture."""
     size = f'width="{_SIZE[0]}" height="{_SIZE[1]}" viewBox="0 0 {_SIZE[0]} {_SIZE[1]}"'
     style = f"<style>{asset('drawing.css')}</style>"
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{style}{"".join(parts)}</svg>'

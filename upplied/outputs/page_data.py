@@ -11,21 +11,10 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.inputs.rules import from_json
+from upplied.outputs import pairs as of_pairs
 from upplied.outputs.labels import LABELS
 from upplied.outputs.pages import image_address
-from upplied.outputs.pairs import (
-    COVERAGES,
-    Pair,
-    attainable,
-    battery_pct,
-    change,
-    coverage,
-    decision_words,
-    number,
-    reason_of,
-    shown_status,
-    stamp,
-)
+from upplied.outputs.pairs import COVERAGES, Pair, coverage, decision_words, number, shown_status, stamp
 from upplied.outputs.verdicts import all_warnings
 from upplied.records import Demonstration, Structure
 
@@ -52,20 +41,26 @@ def structure_facts(
         "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
         "zones": list(zones),
         "marks": marks(catalog, name),
-        "plans": [_plan(pair, preset, row) for pair in pairs for preset, row in _plans(pair)],
-        "flights": [
-            {
-                "when": stamp(row.get("flown_at")),
-                "operator": str(row.get("operator") or ""),
-                "plan": str(row["transfer_id"]),
-                "share": number(row, "flown_pct"),
-                "clearance": number(row, "min_clearance_m"),
-                "findings": str(row.get("findings") or ""),
-            }
-            for row in _rows(catalog.flights(kind="flown"), name)
+        "plans": [
+            _plan(pair, preset, row)
+            for pair in pairs
+            for preset, row in ((str(pair.main["preset"]), pair.main), ("newer draft", pair.draft))
+            if row is not None
         ],
-        "history": _history(catalog, name),
+        "flights": [_flight(row) for row in _rows(catalog.flights(kind="flown"), name)],
+        "history": [_decision(row) for row in _rows(catalog.decisions(), name)],  # about its plans
     }
+
+
+def _flight(row: Any) -> dict[str, Any]:
+    flown = {"when": stamp(row.get("flown_at")), "operator": str(row.get("operator") or "")}
+    figures = {"share": number(row, "flown_pct"), "clearance": number(row, "min_clearance_m")}
+    return {**flown, "plan": str(row["transfer_id"]), **figures, "findings": str(row.get("findings") or "")}
+
+
+def _decision(row: Any) -> dict[str, str]:
+    what = f"Plan {row['transfer_id']} {row['state']} by {row['by']}"
+    return {"when": stamp(row.get("added_at")), "what": what, "note": str(row.get("note") or "")}
 
 
 def marks(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
@@ -76,56 +71,26 @@ def marks(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
 def mark(row: dict[str, Any]) -> dict[str, Any]:
     """A finding as pages show it."""
     place = [float(row[axis]) for axis in ("x_m", "y_m", "z_m")]
-    return {
-        "finding": str(row["finding_id"]),
-        "class": str(row["class"] or ""),
-        "severity": str(row["severity"] or ""),
-        "state": str(row["state"]),
-        "place": ", ".join(f"{round(value, 2) + 0.0:.2f}" for value in place),  # no -0.00
-        "xyz": place,
-        "error": number(row, "place_error_m"),
-        "length": number(row, "length_mm"),
-        "photo": str(row["photo"] or ""),
-        "by": f"{row['by']}, {stamp(row['added_at'])}",
-    }
-
-
-def _plans(pair: Pair) -> list[tuple[str, Any]]:
-    drafts = [] if pair.draft is None else [("newer draft", pair.draft)]
-    return [(str(pair.main["preset"]), pair.main), *drafts]
+    words = ", ".join(f"{round(value, 2) + 0.0:.2f}" for value in place)  # no -0.00
+    shown: dict[str, Any] = {"finding": str(row["finding_id"])}
+    shown |= {name: str(row[name] or "") for name in ("class", "severity")}
+    shown |= {"state": str(row["state"]), "place": words, "xyz": place, "error": number(row, "place_error_m")}
+    shown |= {"length": number(row, "length_mm"), "photo": str(row["photo"] or "")}
+    return shown | {"by": f"{row['by']}, {stamp(row['added_at'])}"}
 
 
 def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
-    return {
-        "pair": pair.name,
-        "demonstration": pair.demonstration_id,
-        "preset": preset,
-        "status": shown_status(row),
-        "state": decision_words(row),
-        "coverage": coverage(row),
-        "gsd": number(row, "gsd_mm_p50"),
-        "clearance": number(row, "min_clearance_m"),
-        "duration": number(row, "duration_s"),
-        "planned": stamp(row.get("planned_at")),
-    }
+    plan: dict[str, Any] = {"pair": pair.name, "demonstration": pair.demonstration_id, "preset": preset}
+    plan |= {"status": shown_status(row), "state": decision_words(row), "coverage": coverage(row)}
+    plan |= {"gsd": number(row, "gsd_mm_p50"), "clearance": number(row, "min_clearance_m")}
+    return plan | {"duration": number(row, "duration_s"), "planned": stamp(row.get("planned_at"))}
 
 
 def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
     """Rows of a table about a structure, the newest first."""
     own = frame[frame["target_id"] == structure_id].iloc[::-1].head(_MOST)
-    return [{str(key): value for key, value in row.items()} for row in own.to_dict("records")]
-
-
-def _history(catalog: Catalog, structure_id: str) -> list[dict[str, str]]:
-    """Decisions about the plans of a structure, the newest first."""
-    return [
-        {
-            "when": stamp(row.get("added_at")),
-            "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
-            "note": str(row.get("note") or ""),
-        }
-        for row in _rows(catalog.decisions(), structure_id)
-    ]
+    rows: list[dict[str, Any]] = own.to_dict("records")
+    return rows
 
 
 def rows_of(passport: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -146,47 +111,29 @@ def short(value: Any) -> str:
 def passport_data(demonstration: Demonstration, picture: bytes) -> dict[str, Any]:
     """The content of a demonstration's page, with a picture (PNG) of the flight round its structure."""
     passport: Any = demonstration.passport
-    return {
-        "id": demonstration.demonstration_id,
-        "structure": demonstration.structure_id,
-        "operator": demonstration.operator,
-        "poses": len(demonstration),
-        "notes": demonstration.notes,
-        "picture": image_address(picture),
-        "verdict": passport["verdict"] if passport else "",
-        "findings": [
-            {name: str(item[name]) for name in ("rule", "found", "remedy")}
-            | {"overruled": bool(item["overruled"])}
-            for item in (passport["findings"] if passport else ())
-        ],
-        "figures": [[words, value] for words, value in (rows_of(passport) if passport else ()) if value],
-    }
+    ids = {"id": demonstration.demonstration_id, "structure": demonstration.structure_id}
+    own = {"operator": demonstration.operator, "poses": len(demonstration), "notes": demonstration.notes}
+    shown = {"picture": image_address(picture), "verdict": passport["verdict"] if passport else ""}
+    words, told = ("rule", "found", "remedy"), passport["findings"] if passport else ()
+    findings = [{key: str(one[key]) for key in words} | {"overruled": bool(one["overruled"])} for one in told]
+    figures = [[name, value] for name, value in (rows_of(passport) if passport else ()) if value]
+    return {**ids, **own, **shown, "findings": findings, "figures": figures}
 
 
 def fleet_data(
-    pairs: list[Pair],
-    title: str,
-    without_page: Collection[str] = (),
-    known: int | None = None,
-    more: Mapping[str, Mapping[str, Any]] | None = None,
+    pairs: list[Pair], title: str, without_page: Collection[str], known: int, more: dict[str, dict[str, Any]]
 ) -> dict[str, Any]:
     """The columns of the page by name, and the rows in order of attention.
 
-    `without_page` names the pairs whose own page failed: no link leads there. `known` is the number of all
-    pairs if these are only the first. `more` has the place and the last flight of each structure.
+    No link leads to pairs `without_page`; `known` is the number of all pairs, of which these are the first;
+    `more` has the place and the last flight of each structure.
     """
-    structures = more or {}
     rows = [_fleet_row(pair) | {"page": pair.name not in without_page} for pair in pairs]
     for row in rows:
-        row["flown"] = structures.get(row["target"], {}).get("flown")
-    columns = list(rows[0]) if rows else []
-    return {
-        "title": title,
-        "columns": columns,
-        "rows": [list(row.values()) for row in rows],
-        "known": len(pairs) if known is None else known,
-        "structures": {row["target"]: structures.get(row["target"], {}) for row in rows},
-    }
+        row["flown"] = more.get(row["target"], {}).get("flown")
+    values = [list(row.values()) for row in rows]
+    data = {"title": title, "columns": list(rows[0]) if rows else [], "rows": values, "known": known}
+    return data | {"structures": {row["target"]: more.get(row["target"], {}) for row in rows}}
 
 
 def fleet_findings(catalog: Catalog, mapped: Collection[str] = ()) -> list[dict[str, Any]]:
@@ -215,29 +162,15 @@ def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
 def _fleet_row(pair: Pair) -> dict[str, Any]:
     row = pair.main
     name = next((name for name in COVERAGES if number(row, name) is not None), COVERAGES[-1])
-    values = {
-        "coverage": coverage(row),
-        "attainable": attainable(row),
-        "gsd": number(row, "gsd_mm_p50"),
-        "clearance": number(row, "min_clearance_m"),
-        "length": number(row, "path_length_m"),
-        "duration": number(row, "duration_s"),
-        "battery_pct": battery_pct(row),
-        "paper": number(pair.plans.get("paper", {}), name),
-        "baseline": number(pair.plans.get("baseline", {}), name),
-        "frechet": number(row, "frechet_z"),
-    }
-    return {
-        "pair": pair.name,
-        "status": shown_status(row),
-        "demonstration": pair.demonstration_id,
-        "source": pair.source_id,
-        "target": pair.target_id,
-        "kind": pair.kind,
-        "state": str(row.get("state") or ""),
-        **{key: None if value is None else round(value, 3) for key, value in values.items()},
-        "change": change(pair),
-        "planned": stamp(row.get("planned_at")),
-        "reason": reason_of(row),
-        "warnings": all_warnings(row),
-    }
+    values = {"coverage": coverage(row), "attainable": of_pairs.attainable(row)}
+    values |= {"gsd": number(row, "gsd_mm_p50"), "clearance": number(row, "min_clearance_m")}
+    values |= {"length": number(row, "path_length_m"), "duration": number(row, "duration_s")}
+    values |= {"battery_pct": of_pairs.battery_pct(row)}
+    values |= {preset: number(pair.plans.get(preset, {}), name) for preset in ("paper", "baseline")}
+    values |= {"frechet": number(row, "frechet_z")}
+    own = {"pair": pair.name, "status": shown_status(row), "demonstration": pair.demonstration_id}
+    own |= {"source": pair.source_id, "target": pair.target_id, "kind": pair.kind}
+    figures = {key: None if value is None else round(value, 3) for key, value in values.items()}
+    last = {"change": of_pairs.change(pair), "planned": stamp(row.get("planned_at"))}
+    last |= {"reason": of_pairs.reason_of(row)}
+    return {**own, "state": str(row.get("state") or ""), **figures, **last, "warnings": all_warnings(row)}

@@ -52,24 +52,14 @@ def page(
 ) -> str:
     """A page of a report folder, or of the application, which builds the same pages on request.
 
-    Parameters
-    ----------
-    kind : {"fleet", "transfer", "structure", "about", "login", "studio"}
-        The last two are pages of the application alone.
-    title, fallback : str
-        Plain text; the fallback is shown where scripts are off.
-    data : mapping
-        Content of the page; NaN becomes null.
-    root : str
-        From the page to the report folder, ``""`` or ``"../"``.
-    extra : sequence of str
-        Further scripts, relative to the report folder.
-    live : bool
-        A person who signed in may decide, export and edit on the page.
+    Kinds are those of `KINDS`, and ``login`` and ``studio`` of the application alone. Title and fallback,
+    which is shown where scripts are off, are plain text; NaN in the data becomes null. `root` leads from the
+    page to the report folder, ``""`` or ``"../"``; `extra` are further scripts, relative to that. On a `live`
+    page a person who signed in may decide, export and edit.
     """
     names = [*CORE, *(["live.js"] if live else []), *(KINDS | _LIVE)[kind]]
     scripts = [*(f"assets/{name}" for name in names), *extra, "assets/start.js"]
-    return _shell(title, scripts, {**data, "root": root, "live": live}, fallback, root, live)
+    return _shell(title, scripts, {**data, "root": root, "live": live}, fallback, root, live, "")
 
 
 def login_page() -> str:
@@ -89,13 +79,7 @@ def message_page(text: str) -> str:
 
 
 def _shell(
-    title: str,
-    scripts: Sequence[str],
-    data: Mapping[str, Any],
-    fallback: str,
-    root: str,
-    live: bool,
-    body: str = "",
+    title: str, scripts: Sequence[str], data: dict[str, Any], fallback: str, root: str, live: bool, body: str
 ) -> str:
     """A page whose scripts and styles are files beside it."""
     policy = _POLICY.format(scripts="'self'", connect="'self'" if live else "'none'")
@@ -154,8 +138,6 @@ def image_address(content: bytes, kind: str = "png") -> str:
 def inert_json(value: Any) -> str:
     """JSON that no HTML parser can mistake for markup and no script for code.
 
-    Examples
-    --------
     >>> inert_json("</script>")
     '"\\\\u003c/script\\\\u003e"'
     """

@@ -13,17 +13,9 @@ import pandas as pd
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import interpolate, matrices
 from upplied.geometry.scene import Scene
+from upplied.outputs import pairs
 from upplied.outputs.display import packed
-from upplied.outputs.pairs import (
-    NOT_FLYABLE,
-    PRESETS,
-    Pair,
-    change,
-    decision_words,
-    number,
-    shown_status,
-    stamp,
-)
+from upplied.outputs.pairs import NOT_FLYABLE, PRESETS, Pair, number, shown_status
 from upplied.outputs.verdicts import verdict
 from upplied.records import Camera, Demonstration, Floats, Measures, Record, Trajectory
 
@@ -33,6 +25,8 @@ _PROVENANCE = (
     "transfer_id", "planned_at", "run_id", "code_version", "icp_score_m2",
     "demonstration_sha256", "source_sha256", "target_sha256", "settings_sha256",
 )  # fmt: skip
+# Least probability of each word for a counterpart; plans require 0.8 by default.
+_SURE = ((0.95, "sure"), (0.8, "likely"), (0.0, "doubtful"))
 _MOST = 600  # poses of a path
 _HALF_PICTURE = 2  # rays on each side of the middle of a picture, across and upwards
 
@@ -48,24 +42,18 @@ class Profile(Record):
 
 
 def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None) -> Profile:
-    """The values along a trajectory, at its own poses or at 600 even times where it has more.
+    """The values along a trajectory round the structure of a scene, at its own or at most 600 even times.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-    scene : Scene
-        Of the structure it is flown around.
-    camera : Camera, optional
-        Its field of view bounds the picture; by default the optical axis alone counts.
+    Without a camera, whose field of view bounds the picture, the optical axis alone counts.
     """
     path = trajectory
     if len(path) > _MOST:
         path = interpolate(path, np.linspace(path.t_s[0], path.t_s[-1], _MOST))
     clearance = scene.distance(path.positions)
-    return Profile(path, speeds(path), clearance, standoff(path, scene, camera, clearance))
+    return Profile(path, speeds(path), clearance, _standoff(path, scene, camera, clearance))
 
 
-def standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m: Floats) -> Floats:
+def _standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m: Floats) -> Floats:
     """Distance (N,), m, to the surface nearest to the middle of each picture.
 
     For a picture without surface it is the distance of the nearest surface.
@@ -77,7 +65,7 @@ def standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m:
         across, upwards = (axis.ravel() for axis in np.meshgrid(steps * half[0], steps * half[1]))
     rays = np.stack([np.ones_like(across), across, upwards], axis=1)
     rays = rays[np.argsort(np.linalg.norm(rays, axis=1), kind="stable")]  # from the middle outwards
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     turned = np.einsum("nij,kj->nki", matrices(path.quat_xyzw), rays)
     origins = np.repeat(path.positions, len(rays), axis=0)
     reach = scene.cast(origins, turned.reshape(-1, 3))[0].reshape(len(path), len(rays))
@@ -88,12 +76,8 @@ def standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m:
 
 def speeds(path: Trajectory) -> Floats:
     """Speed (N,), m/s, at each pose: of the steps on both of its sides together."""
-    if len(path) < 2:
-        return np.zeros(len(path))
-    step = leg_lengths(path.positions)
-    dt = np.diff(path.t_s)
-    distance = np.concatenate([[0.0], step]) + np.concatenate([step, [0.0]])
-    duration = np.concatenate([[0.0], dt]) + np.concatenate([dt, [0.0]])
+    steps = leg_lengths(path.positions), np.diff(path.t_s)
+    distance, duration = (np.append(0.0, step) + np.append(step, 0.0) for step in steps)
     return distance / np.maximum(duration, 1e-9)
 
 
@@ -103,10 +87,7 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
     return {
         "id": demonstration.demonstration_id,
         "source": demonstration.structure_id,
-        "operator": demonstration.operator,
-        "site": demonstration.site,
-        "notes": demonstration.notes,
-        "about": demonstration.about,
+        **{name: getattr(demonstration, name) for name in ("operator", "site", "notes", "about")},
         "poses": len(demonstration),
         "passport": _passport(demonstration.passport),
         "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg, "range_m": camera.max_range_m},
@@ -130,17 +111,11 @@ def pair_data(
     `picture` is the address of a PNG of both, for print and for browsers that draw no 3-D views.
     """
     drafted = [] if pair.draft is None else [_plan(DRAFTED, pair.draft, paths.get(DRAFTED, {}))]
-    plans = [_plan(preset, row, paths.get(preset, {})) for preset, row in _ordered(pair)]
-    return {
-        "pair": pair.name,
-        "source": pair.source_id,
-        "target": pair.target_id,
-        "kind": pair.kind,
-        "change": change(pair),
-        "picture": picture,
-        "demonstration": demonstration,
-        "plans": [*plans[:1], *drafted, *plans[1:]],
-    }
+    order = dict.fromkeys(filter(None, (pair.decided, *PRESETS, *sorted(pair.plans))))
+    plans = [_plan(name, pair.plans[name], paths.get(name, {})) for name in order if name in pair.plans]
+    ids = {"pair": pair.name, "source": pair.source_id, "target": pair.target_id, "kind": pair.kind}
+    shown = {"change": pairs.change(pair), "picture": picture, "demonstration": demonstration}
+    return {**ids, **shown, "plans": [*plans[:1], *drafted, *plans[1:]]}
 
 
 def planned_data(
@@ -148,38 +123,17 @@ def planned_data(
 ) -> dict[str, Any]:
     """A planned path, its viewpoints, as x y z and quaternion, and the state of each triangle."""
     shifted = np.concatenate([viewpoints.positions - origin, viewpoints.quat_xyzw], axis=1)
-    data: dict[str, Any] = {
-        "path": path_data(profile, origin),
-        "viewpoints": packed(shifted.astype(np.float32)),
-        "origin": [float(value) for value in origin],
-    }
-    if states is not None:
-        data["states"] = packed(states)
-    return data
+    data = {"path": path_data(profile, origin), "viewpoints": packed(shifted.astype(np.float32))}
+    more = {} if states is None else {"states": packed(states)}
+    return {**data, "origin": [float(value) for value in origin], **more}
 
 
 def path_data(profile: Profile, origin: Floats) -> dict[str, Any]:
     """Times, poses and values along a path as arrays of single precision."""
     path = profile.path
-    columns = {
-        "t": path.t_s,
-        "xyz": path.positions - origin,
-        "quat": path.quat_xyzw,
-        "speed": profile.speed_mps,
-        "clearance": profile.clearance_m,
-        "standoff": profile.standoff_m,
-    }
+    columns = {"t": path.t_s, "xyz": path.positions - origin, "quat": path.quat_xyzw}
+    columns |= {"speed": profile.speed_mps, "clearance": profile.clearance_m, "standoff": profile.standoff_m}
     return {name: packed(values.astype(np.float32)) for name, values in columns.items()}
-
-
-# Least probability of each word for a counterpart; plans require 0.8 by default.
-_SURE = ((0.95, "sure"), (0.8, "likely"), (0.0, "doubtful"))
-
-
-def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
-    first = [pair.decided] if pair.decided else []
-    known = first + [preset for preset in PRESETS if preset in pair.plans and preset not in first]
-    return [(preset, pair.plans[preset]) for preset in known + sorted(set(pair.plans) - set(PRESETS))]
 
 
 def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
@@ -190,7 +144,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
         "preset": preset,
         "status": status,
         "state": str(row.get("state") or ""),
-        "decided": decision_words(row),
+        "decided": pairs.decision_words(row),
         "counterparts": _text(row.get("counterpart_summary")),
         "parts": _parts(row.get("counterparts")),
         "told_by": _text(row.get("parts_told_by")),
@@ -219,7 +173,6 @@ def _parts(value: Any) -> list[dict[str, str]]:
 
 
 def _part(one: Mapping[str, Any]) -> dict[str, str]:
-    """One inspected part: its share, the flown and the omitted parts, and the certainty."""
     sure = one.get("probability")
     return {
         "part": str(one["part"]),
@@ -251,7 +204,7 @@ def safety_m(settings_json: Any) -> float | None:
 
 def _shown(name: str, value: Any) -> str:
     if name == "planned_at":
-        return f"{stamp(value)} UTC"
+        return f"{pairs.stamp(value)} UTC"
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.4g}"
     return "" if value is None or value is pd.NaT else str(value)

@@ -1,4 +1,4 @@
-"""The rows of the fleet's page: one per demonstration and target, with all presets, worst first."""
+"""The rows of the fleet's page: one per demonstration and target, those first that need a person."""
 
 from __future__ import annotations
 
@@ -6,17 +6,27 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from upplied.catalog import Catalog
 from upplied.checks import pair_name
 from upplied.outputs.labels import LABELS
 
 PRESETS = ("recommended", "paper", "baseline")
 ATTENTION = {"recalled": -1, "failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
 NOT_FLYABLE, RECALLED = "not flyable", "recalled"
+COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the strictest first
 _ADVICE: dict[str, str] = LABELS["advice"]
+_PAIR = ["demonstration_id", "target_id"]
+_KEY = [*_PAIR, "preset"]
+_COLUMNS = (  # by `attention`, and of each plan
+    *("transfer_id", *_PAIR, "preset", "purpose", "status", "flyable", "not_flyable"),
+    *("state", "state_at", *COVERAGES, "min_clearance_m"),
+)
 
 
 def shown_status(row: Mapping[str, Any]) -> str:
@@ -66,23 +76,71 @@ class Pair:
         return next(self.plans[preset] for preset in (*PRESETS, *self.plans) if preset in self.plans)
 
 
+def first_pairs(
+    catalog: Catalog, most: int, demonstration: str | None = None, target: str | None = None
+) -> tuple[list[Pair], int]:
+    """The `most` pairs that need a person first, as `pairs_of` orders all, and how many there are."""
+    rows_of = partial(catalog.transfers, demonstration=demonstration, structure=target)
+    every = rows_of(every=True, columns=_COLUMNS)
+    decided = every[(every["purpose"] == "") & every["state"].isin(["released", RECALLED])]
+    plans = every[["transfer_id", *_PAIR]]
+    del every  # of a million plans it is hundreds of megabytes
+    main = _main_rows(rows_of(columns=_COLUMNS), decided)
+    known = len(main)
+    if not known:
+        return [], 0
+    if known <= most:
+        return pairs_of(rows_of(), rows_of(every=True)), known
+    chosen = _in_order(main).head(most)
+    plans = plans[np.logical_and.reduce([plans[name].isin(chosen[name]) for name in _PAIR])]
+    shown = pd.MultiIndex.from_frame(plans[_PAIR]).isin(pd.MultiIndex.from_frame(chosen))
+    ids = plans["transfer_id"][shown].tolist()
+    return pairs_of(catalog.transfers(ids=ids), catalog.transfers(every=True, ids=ids)), known
+
+
+def _main_rows(newest: pd.DataFrame, decided: pd.DataFrame) -> pd.DataFrame:
+    """The main plan of each pair: in force, recalled, or the newest of the best preset."""
+    decided = decided.sort_values("state_at", kind="stable")
+    decided = decided.assign(at=np.where(decided["state"] == "released", -2, -1)).iloc[::-1]
+    ranks = {preset: rank for rank, preset in enumerate(PRESETS)}
+    undecided = newest.assign(at=newest["preset"].map(ranks).fillna(len(ranks)))
+    rows = pd.concat([decided, undecided]) if len(decided) else undecided
+    rows = rows.sort_values([*_PAIR, "at"], kind="stable")
+    return rows.drop_duplicates(_PAIR).reset_index(drop=True)
+
+
+def _in_order(main: pd.DataFrame) -> pd.DataFrame:
+    """The pairs of rows as `attention` sorts them."""
+    standing = main[["state", "status", "flyable"]].assign(not_flyable=main["not_flyable"].fillna("") != "")
+    alike = standing.groupby(list(standing), dropna=False).ngroup()  # few, of a million rows
+    first = standing.loc[~alike.duplicated().to_numpy()].to_dict("records")
+    ranks = [ATTENTION.get(shown_status(row), 0) for row in first]
+    seen = pd.Series(np.nan, main.index)
+    for name in COVERAGES:
+        seen = seen.fillna(main[name].astype(float))
+    names = zip(*(main[name] for name in _PAIR), strict=True)
+    order = {
+        "rank": alike.map(dict(zip(alike.drop_duplicates(), ranks, strict=True))),
+        "seen": seen.fillna(-1.0),
+        "clearance": main["min_clearance_m"].astype(float).fillna(-1.0),
+        "name": [pair_name(*pair) for pair in names],
+    }
+    return main[_PAIR].assign(**order).sort_values(list(order), kind="stable")[_PAIR]
+
+
 def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     """The pairs of a table of transfers, those that need attention first.
 
-    Parameters
-    ----------
-    current : DataFrame
-        One row for each demonstration, target and preset.
-    history : DataFrame
-        Older plans as well, of each pair in the order they were added; the last is the one before.
+    `current` has one row for each demonstration, target and preset; `history` older plans as well, of each
+    pair in the order they were added: the last is the one before.
     """
     if not len(current):
         return []
     older = history[~history["transfer_id"].isin(current["transfer_id"])]
-    before = {_key(row): _row(row) for row in older.to_dict("records")}
+    before = {_key(row): row for row in older.to_dict("records")}
     pairs: dict[tuple[str, str], Pair] = {}
-    for raw in current.sort_values(_KEY, kind="stable").to_dict("records"):
-        key, row = _key(raw), _row(raw)
+    for row in current.sort_values(_KEY, kind="stable").to_dict("records"):
+        key = _key(row)
         pair = pairs.setdefault(key[:2], _pair_of(row))
         pair.plans[key[2]] = row
         if key in before:
@@ -90,7 +148,12 @@ def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     for row in _decided(history):
         key = _key(row)
         pair = pairs.get(key[:2]) or _pair_of(row)  # a plan in force outlives its demonstration
-        pairs[key[:2]] = _with_decided(pair, key[2], row)
+        newest = pair.plans.get(key[2])
+        if newest is not None and newest["transfer_id"] == row["transfer_id"]:
+            pairs[key[:2]] = replace(pair, decided=key[2])
+        else:  # it takes the place of the newest of its preset, which becomes its draft
+            plans = {**pair.plans, key[2]: row}
+            pairs[key[:2]] = replace(pair, plans=plans, earlier={}, draft=newest, decided=key[2])
     return sorted(pairs.values(), key=attention)
 
 
@@ -104,19 +167,8 @@ def _decided(history: pd.DataFrame) -> list[dict[str, Any]]:
     flown = history[history["purpose"] == ""]
     released = flown[flown["state"] == "released"]
     recalled = flown[flown["state"] == RECALLED].sort_values("state_at", kind="stable")
-    decided = {_key(row)[:2]: _row(row) for row in recalled.to_dict("records")}
-    return list((decided | {_key(row)[:2]: _row(row) for row in released.to_dict("records")}).values())
-
-
-def _with_decided(pair: Pair, preset: str, row: dict[str, Any]) -> Pair:
-    """A pair whose plan in force takes the place of the newest of its preset, which becomes its draft."""
-    newest = pair.plans.get(preset)
-    if newest is not None and newest["transfer_id"] == row["transfer_id"]:
-        return replace(pair, decided=preset)
-    return replace(pair, plans={**pair.plans, preset: row}, earlier={}, draft=newest, decided=preset)
-
-
-_KEY = ["demonstration_id", "target_id", "preset"]
+    rows = [*recalled.to_dict("records"), *released.to_dict("records")]
+    return list({_key(row)[:2]: row for row in rows}.values())
 
 
 def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
@@ -124,24 +176,12 @@ def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
     return demonstration_id, target_id, preset
 
 
-def _row(row: Mapping[Any, Any]) -> dict[str, Any]:
-    return {str(name): value for name, value in row.items()}
-
-
 def attention(pair: Pair) -> tuple[float, float, float, str]:
     """Sort key, attention first: failed, refused, then by coverage, then by clearance."""
     row = pair.main
-    seen = coverage(row)
-    clearance = number(row, "min_clearance_m")
-    return (
-        ATTENTION.get(shown_status(row), 0),
-        -1.0 if seen is None else seen,
-        -1.0 if clearance is None else clearance,
-        pair.name,
-    )
-
-
-COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the strictest first
+    known = coverage(row), number(row, "min_clearance_m")
+    seen, clearance = (-1.0 if value is None else value for value in known)
+    return ATTENTION.get(shown_status(row), 0), seen, clearance, pair.name
 
 
 def coverage(row: Mapping[str, Any]) -> float | None:
@@ -152,10 +192,10 @@ def coverage(row: Mapping[str, Any]) -> float | None:
 
 def attainable(row: Mapping[str, Any]) -> float | None:
     """The attainable share of the inspected surface, or else of the demonstrated surface, percent."""
-    lost = [number(row, name) for name in ("inspected_without_counterpart_pct", "inspected_unattainable_pct")]
-    if lost[0] is None or lost[1] is None:
+    lost, hidden = (number(row, f"inspected_{name}_pct") for name in ("without_counterpart", "unattainable"))
+    if lost is None or hidden is None:
         return number(row, "coverage_attainable_pct")
-    return 100 - lost[0] - lost[1]
+    return 100 - lost - hidden
 
 
 def battery_pct(row: Mapping[str, Any]) -> float | None:
@@ -171,8 +211,6 @@ def battery_pct(row: Mapping[str, Any]) -> float | None:
 def number(row: Mapping[str, Any], name: str) -> float | None:
     """A finite number of a row, or None; a share, whose name ends in ``_pct``, is 0 to 100.
 
-    Examples
-    --------
     >>> number({"coverage_seen_pct": 100.00000000000001}, "coverage_seen_pct")
     100.0
     """
@@ -198,12 +236,9 @@ def _changed(row: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     if before["status"] != row["status"]:
         return f"{before['status']} → {row['status']}"
     parts = []
-    for name, label, unit, least in (
-        ("coverage", "coverage", "%", 0.05),
-        ("min_clearance_m", "clearance", " m", 0.05),
-    ):
-        now, then = (coverage(each) if name == "coverage" else number(each, name) for each in (row, before))
-        if now is not None and then is not None and abs(now - then) >= least:
+    seen, clear = ([coverage(each), number(each, "min_clearance_m")] for each in (row, before))
+    for label, unit, now, then in zip(("coverage", "clearance"), ("%", " m"), seen, clear, strict=True):
+        if now is not None and then is not None and abs(now - then) >= 0.05:
             parts.append(f"{label} {now - then:+.1f}{unit}")
     return ", ".join(parts)
 
@@ -213,9 +248,8 @@ def decision_words(row: Mapping[str, Any]) -> str:
     state = str(row.get("state") or "")
     if not state or state == "draft":
         return "Draft, not released yet" if state else ""
-    word = state.capitalize()
     note = f": {row['state_note']}" if row.get("state_note") else ""
-    return f"{word} by {row.get('state_by')}, {stamp(row.get('state_at'))} UTC{note}"
+    return f"{state.capitalize()} by {row.get('state_by')}, {stamp(row.get('state_at'))} UTC{note}"
 
 
 def reason_of(row: Mapping[str, Any]) -> str:
@@ -237,8 +271,6 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
 def sentence(text: str) -> str:
     """A message as a sentence; a name at its start is not capitalised.
 
-    Examples
-    --------
     >>> sentence("the scan is open"), sentence("part_0 is missing.")
     ('The scan is open.', 'part_0 is missing.')
     """

@@ -48,10 +48,8 @@ def marked(pixels: np.ndarray, corners: np.ndarray, half_px: float) -> bytes:
     with Image.fromarray(pixels[low[1] : high[1], low[0] : high[0]]) as picture:
         scale = _THUMBNAIL_PX / max(picture.size)
         shown = picture.resize([max(1, round(side * scale)) for side in picture.size])
-    left, top, right, bottom = ((np.array([corners.min(axis=0), corners.max(axis=0)]) - low) * scale).ravel()
-    ImageDraw.Draw(shown).rectangle(
-        (left - 4, top - 4, right + 4, bottom + 4), outline=(214, 39, 40), width=2
-    )
+    box = (np.array([corners.min(axis=0), corners.max(axis=0)]) - low) * scale + [[-4], [4]]
+    ImageDraw.Draw(shown).rectangle(box.ravel().tolist(), outline=(214, 39, 40), width=2)
     return png(np.asarray(shown))
 
 

@@ -11,17 +11,16 @@ from typing import Any
 
 from upplied import __version__
 from upplied.catalog import Catalog
-from upplied.catalog.store.locking import locked
+from upplied.catalog.store.files import locked
 from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
 from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.page_data import fleet_data, marks, places
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, first_pairs
 from upplied.outputs.render import ZONES, mission_files
 from upplied.outputs.reports import Reader
 from upplied.outputs.site import ENDINGS, TITLE, MapOf, Site, findings_html
@@ -48,8 +47,6 @@ class Published:
 
 @dataclass
 class _Folder:
-    """A report folder with a key for the content of each file."""
-
     root: Path
     before: dict[str, str]
     site: Site
@@ -111,17 +108,14 @@ def publish(
 
     Parameters
     ----------
-    catalog : Catalog
+    catalog, progress : Catalog, callable
+        The latter receives the name of each finished pair.
     folder : path
         People open ``index.html``, pandas reads ``transfers.parquet``. Files of other programs there are
         not changed.
-    pictures : int
-        Number of pairs that get a PNG for documents, those that need attention first.
-    pages : int
-        Number of pairs with a page and a row on the fleet's page, in the same order. The tables hold all, and
-        `publish_file` makes a page of any pair.
-    progress : callable
-        Receives the name of each finished pair.
+    pictures, pages : int
+        Number of pairs that get a PNG for documents, and a page with a row on the fleet's page, those first
+        that need attention. The tables hold all, and `publish_file` makes a page of any pair.
     force : bool
         Also replace a publication that is newer, of another catalog, or would shrink to nothing.
     map_of : callable, optional
@@ -180,13 +174,7 @@ def publish_pages(
 def publish_file(
     catalog: Catalog, path: str | Path, *, demonstration_id: str | None = None, target_id: str | None = None
 ) -> Path:
-    """One HTML file with everything inside, for mail.
-
-    Raises
-    ------
-    SettingsError
-        If nothing matches, or more pairs than a mail can carry.
-    """
+    """One HTML file with everything inside, for mail; a `SettingsError` if nothing or too much matches."""
     chosen, known = first_pairs(catalog, _MAILED, demonstration_id, target_id)
     if not 0 < known <= _MAILED:
         rule = f"1 to {_MAILED}", "choose a demonstration"
@@ -253,7 +241,6 @@ def _mission(catalog: Catalog, transfer_id: str, format: str) -> bytes:
 
 
 def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:
-    """The page of a demonstration: its passport, its inspected surface, and the findings."""
     name = check_id(str(row["demonstration_id"]), "demonstration_id")
     words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
     surface, structure = place.site.inspected.get(name, ("", ""))[1], str(row["structure_id"])
@@ -262,7 +249,6 @@ def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:
 
 
 def _put_structure(place: _Folder, name: str) -> None:
-    """The page of a structure, to which the pages of its plans link."""
     reader, plans = place.site.reader, place.site.plans_of(name)
     rows = [[_plain(pair.plans), _plain({"draft": pair.draft or {}})] for pair in plans]
     words = [reader.flown(pair.main) for pair in plans]
@@ -273,7 +259,6 @@ def _put_structure(place: _Folder, name: str) -> None:
 
 
 def _put_map(place: _Folder, kind: str) -> None:
-    """The page with the findings of a kind on its map."""
     reader, map_of = place.site.reader, place.site.map_of
     assert map_of is not None
     name, rows = map_of(reader.catalog, check_id(kind, "kind"))

@@ -16,10 +16,9 @@ from upplied.catalog.verbs.custody import FOREIGN_PLAN, HEAD_DIGITS, alterations
 from upplied.errors import CatalogError
 from upplied.files import replace_file
 from upplied.outputs import figures
-from upplied.outputs.brief import brief_html
+from upplied.outputs.brief import as_settled, brief_html
 from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
-from upplied.outputs.fly import as_settled
 from upplied.outputs.missions import FORMATS, Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.pairs import PRESETS
@@ -44,7 +43,7 @@ def render_structure(
 def render_transfer(catalog: Catalog, transfer_id: str, view: str | View | None = None) -> bytes:
     """PNG of one transfer: the demonstration on its structure, the plan on the target."""
     row = _row(catalog, transfer_id)
-    flown, target = catalog.structure(str(row["source_id"])), catalog.structure(str(row["target_id"]))
+    flown, target = (catalog.structure(str(row[name])) for name in ("source_id", "target_id"))
     demonstration = catalog.demonstration(str(row["demonstration_id"]))
     return figures.transfer_png(flown, target, demonstration, plan_of(catalog, row), view=view)
 
@@ -57,8 +56,7 @@ def render_comparison(
     if not rows:
         pair, remedy = f"{demonstration_id} to {target_id}", "run: upplied transfer"
         raise CatalogError(pair, "no transfer is in the catalog", "", remedy)
-    order = {preset: at for at, preset in enumerate(PRESETS)}
-    rows.sort(key=lambda row: order.get(row["preset"], len(order)))
+    rows.sort(key=lambda row: (*PRESETS, row["preset"]).index(row["preset"]))
     plans = [plan_of(catalog, row) for row in rows]
     return figures.comparison_png(catalog.structure(target_id), plans, view=view)
 
@@ -99,13 +97,7 @@ def brief_transfer(
 
 
 def mission_files(catalog: Catalog, transfer_id: str, format: str) -> list[tuple[str, bytes]]:
-    """Names and bytes of a mission's files with the usual options; of the pilot's brief for ``brief``.
-
-    Raises
-    ------
-    UppliedError
-        If the plan does not pass the gate.
-    """
+    """Names and bytes of a mission's files with the usual options; of the pilot's brief for ``brief``."""
     with tempfile.TemporaryDirectory() as folder:
         goal = Path(folder, f"{transfer_id}{FORMATS.get(format, '.html')}")
         if format == "brief":
@@ -127,17 +119,11 @@ def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], Missio
 
 
 def keep_overruled(catalog: Catalog, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:
-    """Store which rules of the gate were overruled for an export or a brief, before anything is written.
-
-    Raises
-    ------
-    CatalogError
-        If it cannot be stored there.
-    """
+    """Store which rules of the gate were overruled for an export or a brief, before anything is written."""
     forced = [breach for breach in overruled if breach.rule != "released"]  # the note of a draft
     if forced:
-        names = ("transfer_id", "waypoints_sha256")
-        record = {**{name: str(row[name] or "") for name in names}, "way": way, "format": format}
+        record = {name: str(row[name] or "") for name in ("transfer_id", "waypoints_sha256")}
+        record |= {"way": way, "format": format}
         catalog.add_overruled([{**record, "rule": one.rule, "found": str(one)} for one in forced])
 
 
@@ -154,26 +140,19 @@ def undecided(catalog: Catalog, row: Any) -> list[Breach]:
         return [*faults, Breach(state, f"{state} by {who}: {note}")]
     if state == "superseded":
         return [*faults, Breach("superseded", f"{who} released another plan of {row['target_id']}")]
-    return [Breach("released", f"it is a {state} plan"), *faults, *_newer(catalog, row)]
-
-
-def _newer(catalog: Catalog, row: Any) -> list[Breach]:
-    """The breach if the catalog has a newer draft of the same pair and preset."""
+    faults.insert(0, Breach("released", f"it is a {state} plan"))
     if row.get("purpose"):
-        return []
-    current = catalog.transfers()
-    same = ["demonstration_id", "target_id", "preset"]
-    newer = current[(current[same] == [row[name] for name in same]).all(axis=1)]
-    names = [str(name) for name in newer["transfer_id"] if name != row["transfer_id"]]
-    if not names or row["transfer_id"] in set(newer["transfer_id"]):
-        return []
-    return [Breach("superseded", f"{names[0]} replaced it")]
+        return faults
+    current, same = catalog.transfers(), ["demonstration_id", "target_id", "preset"]
+    alike = current["transfer_id"][(current[same] == [row[name] for name in same]).all(axis=1)].tolist()
+    if alike and row["transfer_id"] not in alike:  # a newer draft of the same pair and preset
+        faults.append(Breach("superseded", f"{alike[0]} replaced it"))
+    return faults
 
 
 def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
-    """The row of a plan, with its state."""
     rows = catalog.transfers(every=True, ids=[transfer_id])
     if not len(rows):
         remedy = "see: upplied catalog transfers"
         raise CatalogError(f"transfer {transfer_id}", "is not in the catalog", "", remedy)
-    return {str(name): value for name, value in rows.iloc[0].items()}
+    return dict(rows.iloc[0].items())

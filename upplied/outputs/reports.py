@@ -12,37 +12,27 @@ import numpy as np
 from upplied import __version__
 from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import Row
-from upplied.config import digest
+from upplied.catalog.verbs.recipes import settings_of
+from upplied.config import digest, settings_for
 from upplied.errors import UppliedError
-from upplied.geometry.scene import scene_of
+from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
-from upplied.outputs import figures
-from upplied.outputs.display import (
-    DisplayMesh,
-    display_mesh,
-    display_states,
-    nearest_samples,
-    packed,
-    structure_data,
-)
-from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
-from upplied.outputs.fly import fly_data, path_drawn
+from upplied.outputs import display, figures, pair_page
+from upplied.outputs.brief import fly_data, path_drawn
+from upplied.outputs.display import DisplayMesh, display_mesh, display_states, packed
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.gate import planned
 from upplied.outputs.page_data import passport_data, structure_facts
-from upplied.outputs.pair_page import (
-    DRAFTED,
-    demonstration_data,
-    pair_data,
-    path_data,
-    planned_data,
-    profile,
-    safety_m,
-)
+from upplied.outputs.pair_page import profile
 from upplied.outputs.pairs import Pair, shown_status
-from upplied.outputs.picture_quality import quality_data
+from upplied.outputs.verdicts import Flights, flown_data, flown_sentence, seen_as_flown
 from upplied.outputs.zones import zones
-from upplied.records import Floats, Ints, Plan, Structure, SurfaceStates
+from upplied.proof.inspected import pictured
+from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Ints, Plan, Structure, SurfaceStates
+
+_INSPECTED = [SURFACE_STATES.index(name) for name in ("shown", "missed", "unattainable")]
+_FINEST = {"gsd_mm": "resolution (mm/px)", "blur_px": "motion blur (px)", "sharp_s": "time in sharp view (s)"}
+_NONE = 255  # code of surface that no sharp picture shows
+_MOST_PCT = 99.0  # of the values; larger ones have the last colour
 
 
 class Reader:
@@ -55,7 +45,9 @@ class Reader:
         self.demonstration = lru_cache(32)(catalog.demonstration)
         self._mesh = lru_cache(4)(self._mesh_of)
         self._hashes = lru_cache(2)(self._hashes_of)
-        self._data = lru_cache(4)(lambda name: structure_data(self.structure(name), self._mesh(name)))
+        self.structure_data = lru_cache(4)(
+            lambda name: display.structure_data(self.structure(name), self._mesh(name))
+        )
         self._flown = lru_cache(32)(self._flown_of)
         self.refused: dict[str, list[str]] = {}  # pairs whose plan does not pass the gate, and why
         self._zones: dict[str, list[dict[str, Any]]] = {}  # of the last target
@@ -65,16 +57,12 @@ class Reader:
         """Hash of a structure or demonstration as stored now; empty if unknown."""
         return self._hashes(table).get(name, "")
 
-    def structure_data(self, structure_id: str) -> dict[str, Any]:
-        """The display mesh of a structure for a page."""
-        return self._data(structure_id)
-
     def pair_data(self, pair: Pair, picture: str = "", sorties: bool = True) -> dict[str, Any]:
         """The content of a plan's page; `picture` is the address of its PNG.
 
         Without `sorties` the mission and the quality of its pictures are omitted, which take a second.
         """
-        shown = {**pair.plans, **({} if pair.draft is None else {DRAFTED: pair.draft})}
+        shown = {**pair.plans, **({} if pair.draft is None else {pair_page.DRAFTED: pair.draft})}
         plans = {preset: plan_of(self.catalog, row) for preset, row in shown.items()}
         paths = {
             preset: self._path_data(pair, row, plans[preset])
@@ -94,10 +82,9 @@ class Reader:
             scene, mesh = scene_for(target, main.supposed), self._mesh(pair.target_id)
             settings = str(pair.main.get("settings_json") or "{}")
             more["quality"] = quality_data(main, camera, scene, mesh, settings)
-        return pair_data(pair, demonstration, paths, picture) | more
+        return pair_page.pair_data(pair, demonstration, paths, picture) | more
 
     def _path_data(self, pair: Pair, row: Any, plan: Plan) -> dict[str, Any]:
-        """The data of one plan with a path, the result of the gate, and its last flight."""
         assert plan.trajectory is not None and plan.is_viewpoint is not None
         scene = scene_for(self.structure(pair.target_id), plan.supposed)
         camera, origin = self.demonstration(pair.demonstration_id).camera, self._origin(pair.target_id)
@@ -106,12 +93,13 @@ class Reader:
         broken = self._broken(row, plan)
         if broken:
             self.refused[pair.name] = broken
-        data = planned_data(along, plan.trajectory.take(np.flatnonzero(plan.is_viewpoint)), origin, states)
+        viewpoints = plan.trajectory.take(np.flatnonzero(plan.is_viewpoint))
+        data = pair_page.planned_data(along, viewpoints, origin, states)
         data |= {"gate": broken, "overruled": self.overruled(row)}
         flight = self._flights.of(row)
         if flight is not None:
             path = profile(self.catalog.flown(flight["flight_sha256"]), scene, camera)
-            data["flown"] = flown_data(flight, row, path_data(path, origin))
+            data["flown"] = flown_data(flight, row, pair_page.path_data(path, origin))
             seen = self._seen_as_flown(plan, flight)
             if seen is not None:
                 data["flown"]["states"] = packed(seen)
@@ -155,11 +143,10 @@ class Reader:
         """Rules of the gate that a plan to be flown breaks, in words."""
         if shown_status(row) != "ok" or row["preset"] != "recommended" or plan.trajectory is None:
             return []
-        limit_m = safety_m(row.get("settings_json"))
+        limit_m = pair_page.safety_m(row.get("settings_json"))
         limits = gate.Limits() if limit_m is None else gate.Limits(clearance_m=limit_m)
-        steps = planned(plan.trajectory.positions, plan.trajectory.t_s)
-        breaches = gate.breaches(steps, self.structure(plan.target_id), limits, plan.supposed)
-        return [str(breach) for breach in breaches]
+        steps = gate.planned(plan.trajectory.positions, plan.trajectory.t_s)
+        return [*map(str, gate.breaches(steps, self.structure(plan.target_id), limits, plan.supposed))]
 
     def flown(self, row: Any) -> str:
         """The result of the last flight of a plan, in words; empty without a flight."""
@@ -202,7 +189,7 @@ class Reader:
         normals = b"" if surface.normals is None else surface.normals.tobytes()
         samples = digest([target_id, surface.points.tobytes().hex(), normals.hex()])
         if samples not in self._near:
-            self._near = {samples: nearest_samples(mesh, surface)}
+            self._near = {samples: display.nearest_samples(mesh, surface)}
         return display_states(mesh, surface, self._near[samples])
 
     def _hashes_of(self, table: str) -> dict[str, str]:
@@ -218,13 +205,12 @@ class Reader:
         return mesh
 
     def _origin(self, structure_id: str) -> Floats:
-        return np.array(self._data(structure_id)["origin"])
+        return np.array(self.structure_data(structure_id)["origin"])
 
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)
-        origin = self._origin(flown.structure_id)
-        scene = scene_of(self.structure(flown.structure_id))
-        return demonstration_data(flown, profile(flown.trajectory, scene, flown.camera), origin)
+        along = profile(flown.trajectory, scene_of(self.structure(flown.structure_id)), flown.camera)
+        return pair_page.demonstration_data(flown, along, self._origin(flown.structure_id))
 
 
 def plan_of(catalog: Catalog, row: Any) -> Plan:
@@ -232,3 +218,33 @@ def plan_of(catalog: Catalog, row: Any) -> Plan:
     name = str(row["transfer_id"])
     surface = catalog.surface(name) if row["status"] == "ok" else None
     return replace(catalog.plan(name), surface=surface, inspected=catalog.inspected(name))
+
+
+def quality_data(
+    plan: Plan, camera: Camera, scene: Scene, mesh: DisplayMesh, settings_json: str
+) -> list[dict[str, Any]]:
+    """Quantities of the finest sharp picture of each triangle, or point of a cloud, for a page.
+
+    Each has a ``name`` with its unit, ``codes`` of one byte, 255 where the surface is not inspected or no
+    picture is sharp, and ``step``, by which a code becomes a value. Empty where the surface is not known.
+    """
+    surface, path = plan.surface, plan.trajectory
+    if surface is None or surface.normals is None or path is None or not len(surface.points):
+        return []
+    try:
+        rule = settings_of(settings_json).inspection
+    except (ValueError, KeyError, UppliedError):  # of a program that knew other settings
+        rule = settings_for("recommended").inspection
+    shown = pictured(path, Cloud(surface.points, surface.normals), camera, scene, rule)
+    nearest = display.nearest_samples(mesh, surface)
+    nearest = nearest if nearest.ndim == 1 else nearest[:, 0]
+    inspected, quantities = np.isin(surface.state, _INSPECTED), []
+    for key, name in _FINEST.items():
+        values = np.where(inspected, shown[key], np.nan)[nearest]
+        known = np.isfinite(values)
+        most = float(np.percentile(values[known], _MOST_PCT)) if known.any() else 0.0
+        step = max(most, 1e-9) / (_NONE - 1)
+        codes = np.full(len(values), _NONE, np.uint8)
+        codes[known] = np.clip(np.round(values[known] / step), 0, _NONE - 1).astype(np.uint8)
+        quantities.append({"name": name, "step": step, "codes": packed(codes)})
+    return quantities

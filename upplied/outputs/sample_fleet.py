@@ -4,59 +4,38 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from upplied.files import replace_file
 from upplied.outputs.logs import Encoding, write_log
-from upplied.records import Floats, Structure
+from upplied.records import Structure
 from upplied.samples.fleet import member, sample_demonstrations, sample_structures
 
-
-@dataclass(frozen=True)
-class _Form:
-    """The form of a mesh file: format, metres per unit, and the axes that point up and forward."""
-
-    suffix: str
-    units: str
-    unit_m: float
-    up: str
-    forward: str
-
-
-_FORMS = (
-    _Form("ply", "m", 1.0, "z", "x"),
-    _Form("glb", "m", 1.0, "y", "z"),  # glTF: metres, +Y up, +Z forward
-    _Form("stl", "mm", 0.001, "z", "x"),
-    _Form("obj", "cm", 0.01, "z", "-y"),
+# Forms of mesh files: format, name of the unit and its metres, and the axes that point up and forward.
+_Form = tuple[str, str, float, str, str]
+_FORMS: tuple[_Form, ...] = (
+    ("ply", "m", 1.0, "z", "x"),
+    ("glb", "m", 1.0, "y", "z"),  # glTF: metres, +Y up, +Z forward
+    ("stl", "mm", 0.001, "z", "x"),
+    ("obj", "cm", 0.01, "z", "-y"),
 )
 FILES = 21  # meshes and logs, for a progress bar
 _ENCODINGS: tuple[Encoding, ...] = ("pose_stamped", "odometry", "tf")
 
 
 def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | None = None) -> Path:
-    """Write meshes, `structures.toml` and one MCAP log per demonstration.
+    """Write meshes, one MCAP log per demonstration, and `structures.toml`; returns the path of this manifest.
 
-    Parameters
-    ----------
-    folder : path
-        Created if missing; files of the same names are replaced.
-    progress : callable, optional
-        Receives the name of each written file.
-
-    Returns
-    -------
-    Path
-        The manifest.
+    Files of the same names are replaced; `progress` receives the name of each written file.
     """
     root = Path(folder)
     report = progress or (lambda name: None)
     entries = []
     for number, structure in enumerate(sample_structures()):
         form = _FORMS[number % len(_FORMS)]
-        name = f"meshes/{structure.structure_id}.{form.suffix}"
+        name = f"meshes/{structure.structure_id}.{form[0]}"
         replace_file(root / name, _mesh_bytes(structure, form))
         entries.append(_entry(structure, name, form))
         report(name)
@@ -70,9 +49,10 @@ def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | Non
 
 
 def _entry(structure: Structure, name: str, form: _Form) -> str:
+    _, units, _, up, forward = form
     texts = {
         "id": structure.structure_id, "kind": structure.kind, "path": name,
-        "units": form.units, "up": form.up, "forward": form.forward,
+        "units": units, "up": up, "forward": forward,
         "site": structure.site, "notes": structure.notes,
     }  # fmt: skip
     lines = ["[[structure]]", *(f"{key} = {json.dumps(text)}" for key, text in texts.items() if text)]
@@ -91,13 +71,9 @@ def _entry(structure: Structure, name: str, form: _Form) -> str:
 def _mesh_bytes(structure: Structure, form: _Form) -> bytes:
     import trimesh
 
-    forward, up = _axis(form.forward), _axis(form.up)
-    axes = np.stack([forward, np.cross(up, forward), up])  # of the file, along which x, y and z run
-    vertices = structure.vertices @ axes / form.unit_m
-    mesh = trimesh.Trimesh(vertices, structure.triangles, process=False)
-    content = mesh.export(file_type=form.suffix)
+    suffix, _, unit_m, *axes = form
+    up, forward = (np.eye(3)["xyz".index(name[-1])] * (-1.0 if name[:-1] else 1.0) for name in axes)
+    turn = np.stack([forward, np.cross(up, forward), up])  # the axes of the file along which x, y and z run
+    mesh = trimesh.Trimesh(structure.vertices @ turn / unit_m, structure.triangles, process=False)
+    content = mesh.export(file_type=suffix)
     return content.encode() if isinstance(content, str) else bytes(content)
-
-
-def _axis(name: str) -> Floats:
-    return np.eye(3)["xyz".index(name[-1])] * (-1.0 if name.startswith("-") else 1.0)

@@ -13,9 +13,8 @@ from upplied.catalog import Catalog
 from upplied.errors import CatalogError
 from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.foremost import first_pairs
 from upplied.outputs.page_data import fleet_data, fleet_findings, mark, places
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, first_pairs
 from upplied.outputs.reports import Reader
 
 TITLE = "Inspection fleet"
@@ -33,20 +32,14 @@ ENDINGS = {
 class Site:
     """The content of each file of a report folder, by room and name.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    most : int
-        Of the pairs that have a page, those first that need a person.
-    map_of : callable, optional
-        Of a kind of structure the one that is its map, and its findings there.
-    live : bool
-        Whether a person who signed in may decide, export and edit on the pages.
+    At most so many pairs have a page, those first that need a person. On `live` pages a person who signed in
+    may decide, export and edit.
     """
 
     def __init__(self, catalog: Catalog, most: int, map_of: MapOf | None = None, live: bool = False) -> None:
         self.reader = Reader(catalog)
         self.pairs, self.known = first_pairs(catalog, most)
+        self.pair = {pair.name: pair for pair in self.pairs}
         self.map_of, self.live = map_of, live
         self.pictured: set[str] | None = None  # names of the pairs that have a picture; None: all
         self.mapped: list[str] = []  # kinds whose findings have a page of their own
@@ -54,11 +47,6 @@ class Site:
         self.missions: dict[str, Mapping[str, str]] = {}  # of each pair the addresses of files, by label
         self.decision: Callable[[str], str] = lambda _: ""  # the last one about a plan of this id
         self._page = partial(pages.page, live=live)
-
-    @cached_property
-    def pair(self) -> dict[str, Pair]:
-        """The pairs by their names."""
-        return {pair.name: pair for pair in self.pairs}
 
     @cached_property
     def inspected(self) -> dict[str, tuple[str, str]]:
@@ -70,13 +58,7 @@ class Site:
         return plans
 
     def content(self, room: str, name: str = "") -> str | bytes:
-        """A page, a structure's script or a picture.
-
-        Raises
-        ------
-        CatalogError
-            If there is nothing of that name.
-        """
+        """A page, a structure's script or a picture; a `CatalogError` if there is nothing of that name."""
         makers: dict[str, Callable[[str], str | bytes]] = {
             "": self._fleet,
             "findings": self._findings,
@@ -110,9 +92,8 @@ class Site:
         fallback = f"{title}: {pair.main['status']}. {pair.main.get('reason') or ''} This page needs scripts."
         picture = self.pictured is None or name in self.pictured
         shown = f"../pictures/{name}.png" if picture else ""
-        content = self.reader.pair_data(pair, shown, picture) | {
-            "missions": dict(self.missions.get(name, {}))
-        }
+        content = self.reader.pair_data(pair, shown, picture)
+        content["missions"] = dict(self.missions.get(name, {}))
         content["plans"][0]["known"] = self.decision(str(pair.main["transfer_id"]))
         scripts = [f"data/{one}.js" for one in dict.fromkeys((pair.source_id, pair.target_id))]
         return self._page("transfer", title, {"transfer": content}, fallback, "../", scripts)
@@ -127,16 +108,12 @@ class Site:
         pictured = [pair.name for pair in plans if self.pictured is None or pair.name in self.pictured]
         facts = self.reader.structure_page(name, plans, f"../pictures/{pictured[0]}.png" if pictured else "")
         drawn = [f"data/{name}.js"] if facts["marks"] else []  # the surface that findings are drawn on
-        return self._page("structure", name, {"structure": facts}, _needs_scripts(name), "../", drawn)
+        fallback = f"{name}: this page needs scripts."
+        return self._page("structure", name, {"structure": facts}, fallback, "../", drawn)
 
     def _passport(self, name: str) -> str:
-        planned, _ = self.inspected.get(name, ("", ""))
-        data = {"about": self.reader.passport(name, planned)}
-        return self._page("about", name, data, _needs_scripts(name), "../")
-
-
-def _needs_scripts(name: str) -> str:
-    return f"{name}: this page needs scripts."
+        data = {"about": self.reader.passport(name, self.inspected.get(name, ("", ""))[0])}
+        return self._page("about", name, data, f"{name}: this page needs scripts.", "../")
 
 
 def findings_html(structure_id: str, rows: pd.DataFrame, root: str = "", live: bool = False) -> str:
@@ -145,7 +122,7 @@ def findings_html(structure_id: str, rows: pd.DataFrame, root: str = "", live: b
     for row in rows.to_dict("records"):
         place = {axis: float(row[f"reference_{axis}"]) for axis in ("x_m", "y_m", "z_m")}
         known = place["x_m"] == place["x_m"]
-        one = mark({str(key): value for key, value in row.items()} | place)
+        one = mark(row | place)
         doubt = ", doubtful" if row["reference_doubtful"] else ""
         where = f"{one['place']}{doubt}" if known else "none"
         error = math.hypot(float(row["reference_error_m"]), one["error"] or 0.0)
@@ -159,22 +136,10 @@ def findings_html(structure_id: str, rows: pd.DataFrame, root: str = "", live: b
 
 
 def write_findings_page(catalog: Catalog, structure_id: str, rows: pd.DataFrame, folder: Path) -> Path:
-    """Write a folder with that page alone.
+    """Write a folder with that page alone; returns the path of the page.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    structure_id : str
-        The map of the kind.
-    rows : DataFrame
-        From `upplied.findings.queries.by_reference`; findings without a place there are only listed.
-    folder : path
-        Made where it does not exist.
-
-    Returns
-    -------
-    path
-        Of the page.
+    `structure_id` is the map of the kind, `rows` are from `upplied.findings.queries.by_reference`; findings
+    without a place there are only listed.
     """
     for name, text in pages.assets().items():
         replace_file(folder / "assets" / name, text)

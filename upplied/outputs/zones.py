@@ -19,28 +19,29 @@ from upplied.outputs.missions.records import Mission
 from upplied.outputs.pairs import stamp
 from upplied.proof.required_zones import RequiredZones
 from upplied.proof.zones import Looked
-from upplied.records import Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
+from upplied.records import Camera, Cloud, Floats, Plan, Structure, Trajectory
 
 _DAY_S = 86_400.0
+_ON_THE_SPOT_S = 0.1  # assumed duration of a turn on the spot; no result depends on it
 
 
 def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     """Every required zone of a structure with its result.
 
-    Planned is the result of the plans in force together (or of the newest ok plan of `recommended`), flown
-    that of the stored looks of all flights; ``last_seen`` is the time of the newest one that saw any of it. A
-    zone that names no surface of the structure is ``not judged``.
+    Planned is that of the plans in force together (or of the newest ok plan of `recommended`), flown that of
+    all stored looks, ``last_seen`` the time of the newest. A zone without surface is ``not judged``.
     """
     target = catalog.structure(structure_id)
     required_zones = Zones(catalog).of(target.kind, structure_id)
     if not required_zones:
         return []
-    rows = _plans(catalog, structure_id)
+    force = catalog.in_force(structure=structure_id)
+    newest = catalog.transfers(structure=structure_id, status="ok", preset="recommended")
+    rows = (force if len(force) else newest).to_dict("records")
     cameras = [catalog.demonstration(str(row["demonstration_id"])).camera for row in rows]
-    first = cameras[0] if cameras else Camera()
     plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
     supposed = next((plan.supposed for plan in plans if plan.supposed is not None), None)
-    known = supposed, first, required_zones, catalog.faces_labelled
+    known = supposed, [*cameras, Camera()][0], required_zones, catalog.faces_labelled
     requirements = RequiredZones(catalog.structure, catalog.cache, target, *known)
     shown = [
         requirements.planned(plan, camera)
@@ -64,18 +65,10 @@ def _result(what: str, row: Row) -> dict[str, Any]:
     return {what: row["status"], f"{what}_pct": row["pct"], f"{what}_why": row["why"]}
 
 
-def _plans(catalog: Catalog, structure_id: str) -> list[Row]:
-    """The plans of a structure that count: those in force, or else the newest."""
-    force = catalog.in_force(structure=structure_id)
-    newest = catalog.transfers(structure=structure_id, status="ok", preset="recommended")
-    rows = (force if len(force) else newest).to_dict("records")
-    return [{str(name): value for name, value in row.items()} for row in rows]
-
-
 def flown_rows(catalog: Catalog, structure_id: str) -> list[Row]:
     """The real flights of a structure."""
-    flights = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
-    return [{str(name): value for name, value in row.items()} for row in flights]
+    rows: list[Row] = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
+    return rows
 
 
 def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Looked]:
@@ -93,7 +86,9 @@ def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Loo
         values = [looks.distance_m, looks.incidence_deg]
         if looks.frontal_distance_m is not None and looks.frontal_incidence_deg is not None:
             values += [looks.frontal_distance_m, looks.frontal_incidence_deg]
-        near, level, *frontal = (_whole(value, looks.patch, count)[nearest] for value in values)
+        every = np.full((len(values), count), np.nan)
+        every[:, looks.patch] = values
+        near, level, *frontal = every[:, nearest]
         pictures = np.zeros(count, np.int64)
         pictures[looks.patch] = 1 if looks.pictures is None else looks.pictures
         camera = catalog.demonstration(str(row["demonstration_id"])).camera
@@ -101,16 +96,6 @@ def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Loo
         more = ((frontal[0], frontal[1]),) if frontal else ()
         patches.append(Looked(near, level, age, camera, pictures[nearest], more))
     return patches
-
-
-def _whole(value: Floats, patch: Ints, count: int) -> Floats:
-    """Values (count,) of all patches from those of some; NaN for the others."""
-    every = np.full(count, np.nan)
-    every[patch] = value
-    return every
-
-
-_ON_THE_SPOT_S = 0.1  # assumed duration of a turn on the spot; no result depends on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +128,12 @@ class MissionZones:
 
     def notes(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:
         """The results as notes of a mission."""
-        return tuple(map(_words, self.judged(missions)))
+        texts = []
+        for row in self.judged(missions):
+            share = "" if row["pct"] != row["pct"] else f", {row['pct']:.1f} % shown"
+            why = f": {row['why']}" if row["why"] else ""
+            texts.append(f"{ZONE} {row['zone']} ({row['set']} {row['version']}): {row['status']}{share}{why}")
+        return tuple(texts)
 
 
 def _flown(mission: Mission) -> tuple[Trajectory, Floats]:
@@ -151,17 +141,10 @@ def _flown(mission: Mission) -> tuple[Trajectory, Floats]:
     part = np.flatnonzero(mission.inspect)
     positions = mission.local[part]
     leg = leg_lengths(positions)
-    took = np.maximum(leg / np.maximum(mission.speed_mps[part][1:], 1e-3), _ON_THE_SPOT_S)
-    t_s = cumulated(took)
+    t_s = cumulated(np.maximum(leg / np.maximum(mission.speed_mps[part][1:], 1e-3), _ON_THE_SPOT_S))
     fov = None if mission.fov_deg is None else mission.fov_deg[part]
     path = Trajectory(t_s, positions, mission.quat_xyzw[part], fov_deg=fov)
     if not mission.photo_distance_m:
         return path, t_s[mission.photo[part]]
     along = cumulated(leg)
     return path, np.interp(np.arange(0.0, along[-1], mission.photo_distance_m), along, t_s)
-
-
-def _words(row: dict[str, Any]) -> str:
-    share = "" if row["pct"] != row["pct"] else f", {row['pct']:.1f} % shown"
-    why = f": {row['why']}" if row["why"] else ""
-    return f"{ZONE} {row['zone']} ({row['set']} {row['version']}): {row['status']}{share}{why}"

@@ -14,9 +14,8 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
-from upplied.planning.carry.forecast import forecast_of, unlikely, unlikely_together
+from upplied.planning.carry.forecast import forecast_of, missing_of, unlikely, unlikely_together
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
-from upplied.planning.carry.missing_parts import missing_of
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
@@ -36,7 +35,7 @@ from upplied.planning.trajectory.complete import propose
 from upplied.planning.trajectory.retime import Timed
 from upplied.provenance import method
 from upplied.records import Demonstration, Measures, Plan, Structure
-from upplied.records.required import RequiredSurface
+from upplied.records.plans import RequiredSurface
 from upplied.threads import one_thread
 
 
@@ -171,13 +170,6 @@ def _on_pair(
     return (replace(plan, status="refused", reason=unsure) if unsure else plan), takes
 
 
-def _in_doubt(plan: Plan, takes: Sequence[Take]) -> bool:
-    """Whether it is not certain which part is meant, or none are known: they may be told apart otherwise."""
-    unknown = bool(takes) and takes[0].pair.surface.carried is None
-    refused = plan.status == "refused" and (plan.registration is None or bool(plan.counterparts) or unknown)
-    return refused or bool(doubts(plan.counterparts))
-
-
 def decided(
     demonstration: Demonstration,
     source: Structure,
@@ -195,13 +187,17 @@ def decided(
     if plan.status != "ok":
         return plan, ()
     inputs = demonstration, source, target, settings, memo
-    alone = _on_pair(plan, *inputs)
-    if siblings and _in_doubt(*alone):
-        # A sibling is asked where the two leave a doubt, and heard where it leaves none.
+    alone, takes = _on_pair(plan, *inputs)
+    # A sibling is asked where the two leave a doubt of which part is meant, and heard where it leaves none.
+    unknown = bool(takes) and takes[0].pair.surface.carried is None
+    refused = alone.status == "refused" and (
+        alone.registration is None or bool(alone.counterparts) or unknown
+    )
+    if siblings and (refused or doubts(alone.counterparts)):
         labelled = _on_pair(plan, *inputs, siblings)
         if labelled[0].parts_told_by and labelled[0].status == "ok" and not doubts(labelled[0].counterparts):
             return labelled
-    return alone
+    return alone, takes
 
 
 def _planned(

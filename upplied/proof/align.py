@@ -6,8 +6,6 @@ or the vehicle's: the stated error is never less than the correction, and views 
 the path as logged and by the path as corrected.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +30,7 @@ _LEAST_SHARE = 0.3  # of the poses near the plan, after the correction
 _FEWEST = 10  # poses that a turn of the camera is estimated from
 _EXACT_M, _FINE_M, _MOST_FINE = 0.02, 0.01, 2_000_000
 _IN_TIME_S, _IN_TIME_PCT = 2.0, 90  # of the poses, within which of one another clock and plan go together
+_REMEDY = "state in a side-car where the structure stands"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,20 +69,10 @@ class Alignment(Record):
 
 
 def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) -> Alignment:
-    """Lay a log on its plan.
+    """Lay a log on its plan, both in the frame of one structure; the clocks have nothing in common.
 
-    Parameters
-    ----------
-    plan, log : Trajectory
-        In the frame of the same structure; the clocks have nothing in common.
-    accuracy_m : float, optional
-        Of the logged positions, as stated, such as of RTK: no more is corrected.
-
-    Raises
-    ------
-    RefusedError
-        If the log does not lie on the plan: too few of its poses come near it, or only by a correction
-        that is no small one.
+    No more is corrected than the stated accuracy of the logged positions, such as of RTK. A log is refused
+    of which too few poses come near the plan, or only by a correction that is no small one.
     """
     whole, jumps = without_jumps(log)
     if accuracy_m is not None and any(size > accuracy_m for _, size in jumps):
@@ -105,7 +94,10 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
     place = projected(plan, on_plan, on.moment)
     inside = (place.moment >= plan.t_s[0]) & (place.moment <= plan.t_s[-1])
     near = inside & (np.linalg.norm(place.place - on_plan, axis=1) < _NEAR_M)
-    _check_near(near)
+    if near.mean() < _LEAST_SHARE:
+        share = f"{100 * float(near.mean()):.0f} % of its poses come within {_NEAR_M:g} m"
+        rule, remedy = f"{100 * _LEAST_SHARE:.0f} % at least", "name the plan that was flown, or"
+        raise RefusedError("the log", f"does not lie on the plan: {share}", rule, f"{remedy} {_REMEDY}")
     yaw, pitch = yaw_pitch(log.quat_xyzw)
     yaw = yaw + (error.turn_rad if used else 0.0)
     bias = [0.0, 0.0]
@@ -118,9 +110,8 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
     corrected = used or any(bias)
     turned_to = from_yaw_pitch(yaw + bias[0], np.clip(pitch + bias[1], -np.pi / 2, np.pi / 2))
     clock, clock_error = _clock(log, place.moment, near, on)
-    jumped, off = (
-        float(np.linalg.norm(path - log.positions, axis=1).max()) for path in (whole.positions, positions)
-    )
+    moved = whole.positions - log.positions, positions - log.positions
+    jumped, off = (float(np.linalg.norm(each, axis=1).max()) for each in moved)
     place_error = jumped + error.error_m
     if accuracy_m is not None:  # two sigma of what the log states
         place_error = min(place_error, 2 * accuracy_m + off)
@@ -198,26 +189,12 @@ def without_jumps(log: Trajectory) -> tuple[Trajectory, tuple[tuple[float, float
     return replace(log, positions=log.positions + back), jumps
 
 
-def _check_near(near: Bools) -> None:
-    share = float(np.mean(near))
-    if share < _LEAST_SHARE:
-        raise RefusedError(
-            "the log",
-            f"does not lie on the plan: {100 * share:.0f} % of its poses come within {_NEAR_M:g} m",
-            f"{100 * _LEAST_SHARE:.0f} % at least",
-            "name the plan that was flown, or state in a side-car where the structure stands",
-        )
-
-
 def _check_small(error: FrameError) -> None:
     shift, turn_deg = float(np.linalg.norm(error.shift_m)), float(np.degrees(error.turn_rad))
     if shift > _LARGEST_M or abs(turn_deg) > _LARGEST_DEG:
-        raise RefusedError(
-            "the log",
-            f"lies on the plan only if it is moved by {shift:.1f} m and turned by {turn_deg:.1f} deg",
-            f"{_LARGEST_M:g} m and {_LARGEST_DEG:g} deg at most",
-            "state in a side-car where the structure stands in the log's frame",
-        )
+        fault = f"lies on the plan only if it is moved by {shift:.1f} m and turned by {turn_deg:.1f} deg"
+        rule = f"{_LARGEST_M:g} m and {_LARGEST_DEG:g} deg at most"
+        raise RefusedError("the log", fault, rule, f"{_REMEDY} in the log's frame")
 
 
 def _clock(log: Trajectory, moment: Floats, near: Bools, on: Matched) -> tuple[float, float]:

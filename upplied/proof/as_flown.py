@@ -1,7 +1,5 @@
 """The result of a flight: what it inspected and saw, how it differs from its plan, and what is odd of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -48,52 +46,28 @@ class AsFlown(Record):
 
 
 def as_flown(
-    plan: Trajectory,
-    viewpoint_s: Floats,
-    aligned: Alignment,
-    logged: Trajectory,
-    surface: Cloud,
-    camera: Camera,
-    scene: Scene,
-    photo_s: Floats | None = None,
-    planned_with: Camera | None = None,
+    plan: Trajectory, viewpoint_s: Floats, aligned: Alignment, logged: Trajectory, surface: Cloud,
+    camera: Camera, scene: Scene, photo_s: Floats | None = None, planned_with: Camera | None = None,
     rule: InspectionSettings | None = None,
-) -> AsFlown:
+) -> AsFlown:  # fmt: skip
     """What a flight inspected and saw of a surface, and how it differs from its plan.
 
-    Parameters
-    ----------
-    plan : Trajectory
-    viewpoint_s : array, shape (K,), s
-        Moments of the plan's viewpoints.
-    aligned : Alignment
-        Of the log on the plan.
-    logged : Trajectory
-        The path as it was logged; its clearance counts as well.
-    surface : Cloud
-        N samples with normals.
-    camera : Camera
-    scene : Scene
-    photo_s : array, shape (F,), s, optional
-        Times of the photos, by the log's clock from its first pose; without them the camera is taken to
-        see all the time.
-    planned_with : Camera, optional
-        Of the plan; else the flight's own.
-    rule : InspectionSettings, optional
-        When a look is sharp and frontal, as the plan's settings have it.
+    The plan's viewpoints are at moments `viewpoint_s` (K,) of it, s. The clearance of the path as it was
+    `logged` counts as well. Photos were taken at `photo_s` (F,), s, by the log's clock from its first pose;
+    without them the camera is taken to see all the time. The plan's camera is `planned_with`, else the
+    flight's own; its settings' `rule` says when a look is sharp and frontal.
     """
     flown = aligned.flown
     near = aligned.on_plan
     passed = _passed(viewpoint_s, aligned)
-    planned_photos = None if photo_s is None else viewpoint_s
-    wanted = planned_looks(
-        plan, surface, planned_with or camera, scene, rule or InspectionSettings(), planned_photos
-    )
+    planned_s, rule = None if photo_s is None else viewpoint_s, rule or InspectionSettings()
+    wanted = planned_looks(plan, surface, planned_with or camera, scene, rule, planned_s)
     if aligned.corrected:
         wanted = replace(wanted, rim_deg=CORRECTED_RIM_DEG)
-    looks = looks_of(flown, surface, camera, scene, photo_s, passed, wanted=wanted)
+    how = surface, camera, scene, photo_s, passed, (), wanted
+    looks = looks_of(flown, *how)
     if aligned.corrected:
-        looks = certain_looks(looks, looks_of(logged, surface, camera, scene, photo_s, passed, wanted=wanted))
+        looks = certain_looks(looks, looks_of(logged, *how))
     covered = np.sort(aligned.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
     unphotographed, photos = 0, "no photo times are known: the camera counts as recording all the time"
@@ -103,12 +77,13 @@ def as_flown(
         unphotographed = int(lost.any(axis=1).sum())
         text = f"{unphotographed} of {count} viewpoints show surface that no photo shows"
         photos = text if unphotographed else ""
+    beside = logged.positions[near] - projected(plan, logged.positions[near], aligned.planned_s[near]).place
     return AsFlown(
         looks=looks,
         flown_pct=share,
         clearance_m=_clearance(scene, aligned, logged),
         silent_s=float(sum(length for _, length in silences(flown))),
-        cross_track_p95_m=_cross_track(plan, logged, aligned),
+        cross_track_p95_m=float(np.percentile(np.linalg.norm(beside, axis=1), 95)),
         frechet_m=_frechet(plan, flown, near, covered),
         photos_missing=unphotographed,
         findings=(*findings(plan, aligned, share), *filter(None, [photos])),
@@ -157,16 +132,8 @@ def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
     along = arc_length(plan.positions)
     if len(covered) < 2 or along[-1] == 0:
         return 0.0
-    ends = np.interp(np.clip(covered, plan.t_s[0], plan.t_s[-1]), plan.t_s, along)
-    gaps = np.diff(ends)
+    gaps = np.diff(np.interp(np.clip(covered, plan.t_s[0], plan.t_s[-1]), plan.t_s, along))
     return 100 * float(gaps[np.diff(covered) <= silence].sum() / along[-1])
-
-
-def _cross_track(plan: Trajectory, logged: Trajectory, aligned: Alignment) -> float:
-    """95th percentile of the distance of the log as it came from the planned path, m."""
-    on = aligned.on_plan
-    place = projected(plan, logged.positions[on], aligned.planned_s[on]).place
-    return float(np.percentile(np.linalg.norm(logged.positions[on] - place, axis=1), 95))
 
 
 def _frechet(plan: Trajectory, flown: Trajectory, near: Bools, covered: Floats) -> float:
@@ -187,13 +154,7 @@ def findings(plan: Trajectory, aligned: Alignment, flown_pct: float) -> tuple[st
 def without_photo(viewpoint_s: Floats, aligned: Alignment, photo_s: Floats) -> tuple[Floats, int]:
     """The moments (K,) of the plan's viewpoints that were passed without a photo, and how many were passed.
 
-    Parameters
-    ----------
-    viewpoint_s : array, shape (V,), s
-        Moments of the plan's viewpoints.
-    aligned : Alignment
-    photo_s : array, shape (F,), s
-        Times of the photos by the log's clock, from its first pose.
+    Photos have times by the log's clock, from its first pose.
     """
     flown, planned = aligned.flown.t_s[aligned.on_plan], aligned.planned_s[aligned.on_plan]
     passed = viewpoint_s[_near(viewpoint_s, planned)]
@@ -235,8 +196,7 @@ def _missing(plan: Trajectory, aligned: Alignment, flown_pct: float) -> Iterator
     if usual_s > SILENT_S:
         yield f"its poses are {usual_s:.1f} s apart: the clearance between them is unknown"
     for when, length in silences(aligned.flown):
-        what = "views and clearance are unknown for that time"
-        yield f"{SILENT} for {length:.0f} s at {when:.0f} s: {what}"
+        yield f"{SILENT} for {length:.0f} s at {when:.0f} s: views and clearance are unknown for that time"
 
 
 def _waits(aligned: Alignment) -> Iterator[tuple[float, float]]:
@@ -281,9 +241,8 @@ def _stuck(plan: Trajectory, aligned: Alignment) -> Iterator[str]:
     stands = _angle_deg((axis[:-1] * axis[1:]).sum(axis=1)) < _STUCK_DEG
     for start, end in _stretches(stands):
         turned = float(_angle_deg(planned_axis[start : end + 1] @ planned_axis[start]).max())
-        length = float(beats[end] - beats[start]) if end < len(beats) else float(beats[-1] - beats[start])
+        when, length = beats[start], float(beats[min(end, len(beats) - 1)] - beats[start])
         if length >= _STUCK_S and turned > _TURNED_DEG:
-            when = beats[start]
             yield f"{STOOD} for {length:.0f} s at {when:.0f} s; its plan turned {turned:.0f} deg"
 
 

@@ -6,8 +6,6 @@ solved with violated cuts and legs of negative reduced cost, round by round. By 
 valid bound.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,14 +28,8 @@ _CLOSE = 0.99  # of a known way's length: a bound so near to it says that the wa
 def bound_m(apart: Floats, seen: Bools, known_m: float = np.inf) -> float:
     """A length, m, below which no path by some of these poses shows every sample.
 
-    Parameters
-    ----------
-    apart : array, shape (P, P), m
-        Lengths of the legs between poses, which keep the triangle inequality.
-    seen : array of bool, shape (P, S)
-        Which pose sees which sample; each is seen by one at least.
-    known_m : float
-        Length of a path that does, m: a bound near to it is not raised any more.
+    Legs between poses are `apart` (P, P), m, by the triangle inequality; each sample is `seen` (P, S) by one
+    pose at least. A bound near to the length of a path that is known, m, is not raised any more.
     """
     seen = _hardest(seen[:, seen.any(axis=0)])
     useful = np.flatnonzero(seen.any(axis=1))
@@ -74,8 +66,7 @@ class _Relaxed:
 
     def __post_init__(self) -> None:
         count = len(self.apart)
-        self.cost = np.zeros((count + 1, count + 1))
-        self.cost[:count, :count] = self.apart
+        self.cost = np.pad(self.apart, (0, 1))
         self.legs = np.zeros((count + 1, count + 1), bool)
         self.legs[:count, count] = True
         self.nearest = 0
@@ -99,9 +90,8 @@ class _Relaxed:
         first, second = np.nonzero(self.legs)
         self.first, self.second = first, second
         number, rows = len(first), np.arange(len(first))
-        ends = csr_matrix(
-            (np.ones(2 * number), (np.concatenate([first, second]), np.tile(rows, 2))), (count + 1, number)
-        )
+        nodes = np.concatenate([first, second])
+        ends = csr_matrix((np.ones(2 * number), (nodes, np.tile(rows, 2))), (count + 1, number))
         shares = csr_matrix((np.full(count, -2.0), (np.arange(count), np.arange(count))), (count + 1, count))
         degree = hstack([ends, shares]).tocsr()
         cover = hstack([csr_matrix((self.seen.shape[1], number)), csr_matrix(-self.seen.T.astype(float))])
@@ -131,7 +121,6 @@ class _Relaxed:
         return bound, bool(len(new))
 
     def _reduced(self, node: Floats, cut: Floats) -> Floats:
-        """The reduced cost of each leg."""
         cost = self.cost - node[:, None] - node[None]
         for side, price in zip(self.sides, cut, strict=True):
             if price:
@@ -165,16 +154,13 @@ class _Relaxed:
 def _least_cut(count: int, first: Ints, second: Ints, flow: Floats, poses: Ints) -> tuple[Bools, float]:
     """The nodes on the side of some poses of the least cut between them and the depot, and its size."""
     whole = np.round(flow * _WHOLE).astype(np.int32)
-    source = count
-    ends = np.concatenate([first, second, np.full(len(poses), source)])
+    ends = np.concatenate([first, second, np.full(len(poses), count)])  # the last is the source
     others = np.concatenate([second, first, poses])
     room = np.concatenate([whole, whole, np.full(len(poses), 100 * _WHOLE, np.int32)])
     graph = csr_matrix((room, (ends, others)), (count + 1, count + 1))
-    flow_ = maximum_flow(graph, source, count - 1)
-    left = graph - flow_.flow
+    most = maximum_flow(graph, count, count - 1)
+    left = graph - most.flow
     left.data[left.data < 0] = 0
     left.eliminate_zeros()
-    reached = breadth_first_order(left.tocsr(), source, return_predecessors=False)
-    side = np.zeros(count, bool)
-    side[reached[reached < count]] = True
-    return side, flow_.flow_value / _WHOLE
+    reached = breadth_first_order(left.tocsr(), count, return_predecessors=False)
+    return np.isin(np.arange(count), reached), most.flow_value / _WHOLE

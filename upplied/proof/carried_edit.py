@@ -4,8 +4,6 @@ A changed viewpoint is matched with the viewpoint of the new plan nearest to whe
 viewpoints of that plan are from each other, that looks the same way.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -16,10 +14,9 @@ import numpy as np
 from upplied.errors import InputError
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
-from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, viewpoints_of
+from upplied.proof.edit import SAME_M, AirspaceLimits, Edit, Viewpoint, apart_m, viewpoints_of
 from upplied.records import Bools, Floats, Trajectory
 
-_SAME_M = 1e-3  # to which the steps of a plan are stored
 _TURNED_DEG = 30.0  # less than half of what usual cameras see: the same surface is in the picture
 _RULE = "a change in the form that the program stores"
 
@@ -55,7 +52,7 @@ def combined(earlier: StoredEdit, later: StoredEdit) -> StoredEdit:
     new = list(later.touched)
     touched = []
     for one in earlier.touched:
-        again = [each for each in new if one.wanted is not None and _same_place(each.was, one.wanted)]
+        again = [each for each in new if one.wanted and apart_m(each.was, one.wanted) < SAME_M]
         touched.append(ViewpointChange(one.was, again[0].wanted) if again else one)
         new = [each for each in new if each not in again]
     both = earlier.airspace, later.airspace
@@ -63,10 +60,6 @@ def combined(earlier: StoredEdit, later: StoredEdit) -> StoredEdit:
     boxes = tuple(dict.fromkeys(box for each in both for box in each.boxes))
     replanned = earlier.replanned or later.replanned
     return StoredEdit((*touched, *new), AirspaceLimits(boxes, clearance), replanned)
-
-
-def _same_place(one: Viewpoint, other: Viewpoint) -> bool:
-    return bool(np.linalg.norm(np.subtract(one.position, other.position)) < _SAME_M)
 
 
 def matched_edit(stored: StoredEdit, viewpoints: Sequence[Viewpoint]) -> tuple[Edit, tuple[str, ...]]:
@@ -104,9 +97,8 @@ def restored(stored: StoredEdit, path: Trajectory, is_viewpoint: Bools) -> tuple
     """
     edit, _ = matched_edit(stored, viewpoints_of(path, is_viewpoint))
     index, flags = np.flatnonzero(is_viewpoint), np.array(is_viewpoint, bool)
-    wanted = {
-        int(index[at]): view for at, view in (*dict.fromkeys(edit.deleted).items(), *edit.changed.items())
-    }
+    both = *dict.fromkeys(edit.deleted).items(), *edit.changed.items()
+    wanted = {int(index[at]): view for at, view in both}
     for view in (one.wanted for one in stored.touched):
         if view is not None and view not in wanted.values():
             off = np.linalg.norm(path.positions - view.position, axis=1)
@@ -124,20 +116,12 @@ def edit_json(stored: StoredEdit) -> str:
 
 
 def edit_from_json(text: str) -> StoredEdit:
-    """A change as `edit_json` writes it.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """A change as `edit_json` writes it; an InputError if it is none."""
     try:
         document = json.loads(text)
+        pairs = ((each["was"], each["wanted"]) for each in document["touched"])
         touched = tuple(
-            ViewpointChange(
-                _viewpoint(each["was"]), None if each["wanted"] is None else _viewpoint(each["wanted"])
-            )
-            for each in document["touched"]
+            ViewpointChange(_viewpoint(was), None if new is None else _viewpoint(new)) for was, new in pairs
         )
         boxes = tuple(tuple(float(value) for value in box) for box in document["asked"]["boxes"])
         clearance = document["asked"]["clearance_m"]

@@ -4,8 +4,6 @@ Unchanged legs are flown as planned. Where a viewpoint was moved or left out, or
 way joins the rest. Viewpoints too near the structure only for the larger clearance are moved just far enough.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -16,13 +14,12 @@ from upplied.config import RetimeSettings
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length
 from upplied.geometry.poses import fov_at, from_yaw_pitch, yaw_pitch
-from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, way
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import pushed_out
 from upplied.planning.trajectory.retime import retime
 from upplied.records import Bools, Floats, Ints, Rows, Trajectory, Waypoints
 
-_SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change
+SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change
 _APART_M = 1e-6
 
 
@@ -88,29 +85,21 @@ def edit_of(before: Sequence[Viewpoint], after: Mapping[int, Viewpoint]) -> Edit
 
 
 def _same(one: Viewpoint, other: Viewpoint) -> bool:
-    gap = np.linalg.norm(np.subtract(one.position, other.position))
     turn = max(abs((one.yaw_deg - other.yaw_deg + 180) % 360 - 180), abs(one.pitch_deg - other.pitch_deg))
-    return bool(gap < _SAME_M and turn < _SAME_DEG)
+    return apart_m(one, other) < SAME_M and turn < _SAME_DEG
+
+
+def apart_m(one: Viewpoint, other: Viewpoint) -> float:
+    """How far two viewpoints are from each other, m."""
+    return float(np.linalg.norm(np.subtract(one.position, other.position)))
 
 
 def edited(
     plan: Trajectory, is_viewpoint: Bools, edit: Edit, graph: Roadmap, limits: RetimeSettings
 ) -> tuple[Trajectory, Bools]:
-    """The plan as it was changed, with times under the limits of the vehicle.
+    """The plan as it was changed, with times under the limits of the vehicle; the roadmap has the new ones.
 
-    Parameters
-    ----------
-    plan : Trajectory
-    is_viewpoint : array of bool, shape (N,)
-    edit : Edit
-    graph : Roadmap
-        Of the structure with the new limits.
-    limits : RetimeSettings
-
-    Raises
-    ------
-    RefusedError
-        If nothing is left, a viewpoint breaks a rule of the airspace, or no safe way joins two of them.
+    It is refused if nothing is left, a viewpoint breaks a rule of the airspace, or no safe way joins two.
     """
     index = np.flatnonzero(is_viewpoint)
     left = [number for number in range(len(index)) if number not in edit.deleted]
@@ -119,10 +108,12 @@ def edited(
     yaw, pitch = yaw_pitch(plan.quat_xyzw)
     whole = _Piece(plan.positions, np.unwrap(yaw), pitch, plan.t_s, np.asarray(is_viewpoint, bool))
     stops = {number: _stop(whole, int(index[number]), edit.changed.get(number)) for number in left}
+    airspace = graph.airspace
     for number, stop in stops.items():
-        if number not in edit.changed:
-            stops[number] = stop = _farther(stop, graph.airspace)
-        if why := graph.airspace.why(stop.positions[0]):
+        lack = airspace.clearance_m - float(airspace.scene.distance(stop.positions)[0])
+        if number not in edit.changed and lack > 0:  # as far as required; its camera looks as before
+            stops[number] = stop = replace(stop, positions=pushed_out(stop.positions, airspace))
+        if why := airspace.why(stop.positions[0]):
             raise RefusedError(f"viewpoint {number}", why, "", "move it, or leave it out")
     first, last = left[0], left[-1]
     parts = []
@@ -151,12 +142,6 @@ def _stop(whole: _Piece, at: int, wanted: Viewpoint | None) -> _Piece:
     return _Piece(place, own.yaw + turn, pitch, own.t_s, own.is_viewpoint)
 
 
-def _farther(stop: _Piece, airspace: Airspace) -> _Piece:
-    """A viewpoint moved as far from the structure as the clearance requires; its camera looks as before."""
-    lack = airspace.clearance_m - float(airspace.scene.distance(stop.positions)[0])
-    return stop if lack <= 0 else replace(stop, positions=pushed_out(stop.positions, airspace))
-
-
 def _between(
     whole: _Piece, index: Ints, pair: tuple[int, int], stops: Mapping[int, _Piece], edit: Edit, graph: Roadmap
 ) -> list[_Piece]:
@@ -170,14 +155,12 @@ def _between(
     a, b = stops[one], stops[other]
     line = way(graph, a.positions[0], b.positions[0])
     if line is None:
-        raise RefusedError(
-            f"viewpoint {other}", f"has no safe leg from viewpoint {one}", "", "move one of them"
-        )
+        fault = f"has no safe leg from viewpoint {one}"
+        raise RefusedError(f"viewpoint {other}", fault, "", "move one of them")
     along = arc_length(line)
     share = (along / max(along[-1], _APART_M))[1:-1]
-    yaw, pitch, t_s = (
-        start + share * (end - start) for start, end in ((a.yaw, b.yaw), (a.pitch, b.pitch), (a.t_s, b.t_s))
-    )
+    ends = (a.yaw, b.yaw), (a.pitch, b.pitch), (a.t_s, b.t_s)
+    yaw, pitch, t_s = (start + share * (end - start) for start, end in ends)
     return [_Piece(line[1:-1], yaw, pitch, t_s, np.zeros(len(share), bool))]
 
 

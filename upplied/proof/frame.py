@@ -13,8 +13,6 @@ A constant turn of the camera is estimated together with its lag. A camera that 
 its lag times its rate: round a tower, where it turns one way all the time, that looks like a rotated mount.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,13 +63,7 @@ class FrameError(Record):
 def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float) -> FrameError:
     """The error of a log's frame, estimated from the deviation of its poses across the plan.
 
-    Parameters
-    ----------
-    plan, log : Trajectory
-    moment : array, shape (N,), s
-        Of the plan, that each pose corresponds to, to a second.
-    near_m : float
-        Poses farther from the plan do not count.
+    Each pose corresponds to a moment (N,) of the plan, to a second; those farther from it do not count.
     """
     beside, middle = _Beside(plan, log, moment, near_m), log.positions.mean(axis=0)
     values, still = np.zeros(4), np.zeros(len(log), bool)
@@ -105,8 +97,6 @@ def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
 
 
 class _Beside:
-    """A log's poses beside the moments of the plan that they correspond to."""
-
     def __init__(self, plan: Trajectory, log: Trajectory, moment: Floats, near_m: float) -> None:
         self.plan, self.log, self.moment, self.near_m = plan, log, moment, near_m
         since = log.t_s - log.t_s[0]
@@ -119,9 +109,8 @@ class _Beside:
         on = projected(plan, moved, self.moment)
         gap = on.place - moved
         inside = (on.moment > plan.t_s[0]) & (on.moment < plan.t_s[-1])
-        ahead, behind = (
-            interpolated(on.moment + d, plan.t_s, plan.positions) for d in (_TANGENT_S, -_TANGENT_S)
-        )
+        ends = (on.moment + _TANGENT_S, on.moment - _TANGENT_S)
+        ahead, behind = (interpolated(end, plan.t_s, plan.positions) for end in ends)
         step = ahead - behind
         length = np.linalg.norm(step, axis=1, keepdims=True)
         along = np.where(length > 1e-3, step / np.maximum(length, 1e-12), 0.0)
@@ -166,16 +155,8 @@ def _motion(arm: Floats) -> Floats:
 def camera_offset(plan: Trajectory, flown: Trajectory) -> tuple[tuple[float, float], tuple[float, float]]:
     """A constant turn of the camera, rad, that is to be added to what was flown, and one sigma of it.
 
-    Parameters
-    ----------
-    plan : Trajectory
-    flown : Trajectory
-        N poses, with the moments of the plan that they correspond to as their times.
-
-    Returns
-    -------
-    tuple
-        Of the heading, and of the pitch; the error is infinite where the flight is too short to tell.
+    Of the heading, and of the pitch; the error is infinite where the flight is too short to tell. What was
+    flown has the moments of the plan that it corresponds to as its times.
     """
     low, high = plan.t_s[0], plan.t_s[-1]
     moments = [np.clip(flown.t_s + off, low, high) for off in (-_HALF_S, 0.0, _HALF_S)]

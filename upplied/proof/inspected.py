@@ -5,8 +5,6 @@ ground sample distance of the finest sharp look, with the obliquity of the patch
 patch its own finest look at it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +14,7 @@ from upplied.config import InspectionSettings, VisibilitySettings, focal_px
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.planning.measures.fidelity import AS_FINE
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.planning.visibility.looks import Looks, sharp_looks
 from upplied.planning.visibility.observations import TRULY, Moments, Views, moments, views
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
@@ -41,17 +38,8 @@ class PlannedLooks(Record):
     def matched(self, shown: Views, steps: Moments, surface: Cloud, camera: Camera) -> Bools:
         """Which samples (N,) a flight looks at as finely, and where the rule holds as sharply and frontally.
 
-        A look counts where it would if its pose were a little off.
-
-        Parameters
-        ----------
-        shown : Views
-            What the flight truly sees of the samples.
-        steps : Moments
-            Of its looks, in the same time.
-        surface : Cloud
-        camera : Camera
-            Of the flight. Pixels that are known of one camera alone are taken for those of both.
+        A look counts where it would if its pose were a little off. The views are what the flight truly sees,
+        and the moments those of its looks. Pixels that are known of one camera alone are taken for both's.
         """
         mine, planned = (
             focal_px(one.width_px or other.width_px or self.rule.width_px, one.hfov_deg)
@@ -66,27 +54,13 @@ class PlannedLooks(Record):
 
 
 def planned_looks(
-    plan: Trajectory,
-    surface: Cloud,
-    camera: Camera,
-    scene: Scene,
-    rule: InspectionSettings,
+    plan: Trajectory, surface: Cloud, camera: Camera, scene: Scene, rule: InspectionSettings,
     photo_s: Floats | None = None,
-) -> PlannedLooks:
-    """What a plan requires of a look at each sample of a surface.
+) -> PlannedLooks:  # fmt: skip
+    """What a plan requires of a look at each sample of a surface, by the rule when one is sharp and frontal.
 
-    Parameters
-    ----------
-    plan : Trajectory
-    surface : Cloud
-        N samples with normals.
-    camera : Camera
-    scene : Scene
-    rule : InspectionSettings
-        When a look is sharp and frontal.
-    photo_s : array, shape (K,), s, optional
-        Moments of the plan at which it takes photos, where only photos count; what those do not show is
-        required as finely as the plan sees it on its way.
+    Where only photos count, they are taken at moments `photo_s` (K,) of the plan, s; what those do not show
+    is required as finely as the plan sees it on its way.
     """
     steps = moments(plan)
     shown = views(plan, surface, camera, TRULY, scene)

@@ -1,7 +1,5 @@
 """How a flight sees each sample of a surface: in view, near, frontally, when, and as planned."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -50,15 +48,9 @@ class Looks(Record):
 
 
 def looks_of(
-    flown: Trajectory,
-    surface: Cloud,
-    camera: Camera,
-    scene: Scene,
-    photo_s: Floats | None = None,
-    picture_s: Floats | None = None,
-    within_m: Sequence[float] = (),
-    wanted: PlannedLooks | None = None,
-) -> Looks:
+    flown: Trajectory, surface: Cloud, camera: Camera, scene: Scene, photo_s: Floats | None = None,
+    picture_s: Floats | None = None, within_m: Sequence[float] = (), wanted: PlannedLooks | None = None,
+) -> Looks:  # fmt: skip
     """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
 
     Nothing is seen while the log is silent. Where no photos are known, a sample counts as shown in a picture
@@ -83,9 +75,8 @@ def looks_of(
     if wanted is not None:
         breaks = np.array([part[0] for part in pieces(flown)], np.int64)
         steps = moments(flown, breaks) if photo_s is None else looks_at(flown, poses.t_s, breaks)
-        inspected = (
-            wanted.matched(shown, steps, surface, camera) if len(poses) else np.zeros(len(seen.T), bool)
-        )
+        none = np.zeros(len(surface), bool)
+        inspected = wanted.matched(shown, steps, surface, camera) if len(poses) else none
     return Looks(there, near, level, pace, when, pictures, tuple(frontal), None, inspected)
 
 
@@ -96,15 +87,13 @@ def certain_looks(corrected: Looks, logged: Looks) -> Looks:
     def lesser(first: Floats, second: Floats) -> Floats:
         return np.where(both, np.maximum(first, second), first)
 
-    pairs = list(zip(corrected.frontal, logged.frontal, strict=True))
+    pairs, known = zip(corrected.frontal, logged.frontal, strict=True), corrected.inspected
     return replace(
         corrected,
         seen=both,
         assumed=corrected.seen & ~logged.seen,
-        inspected_if_corrected=corrected.inspected,
-        inspected=None
-        if corrected.inspected is None or logged.inspected is None
-        else corrected.inspected & logged.inspected,
+        inspected_if_corrected=known,
+        inspected=None if known is None or logged.inspected is None else known & logged.inspected,
         distance_m=lesser(corrected.distance_m, logged.distance_m),
         incidence_deg=lesser(corrected.incidence_deg, logged.incidence_deg),
         pictures=np.where(both, np.minimum(corrected.pictures, logged.pictures), corrected.pictures),
@@ -144,20 +133,18 @@ def recorded(flown: Trajectory, moments: Floats) -> Floats:
 
 
 @njit(cache=True)
-def _best(
-    positions: Floats, points: Floats, normals: Floats, seen: Bools, farthest_m: float, frontal: bool
-) -> Ints:
+def _best(poses: Floats, points: Floats, normals: Floats, seen: Bools, far_m: float, frontal: bool) -> Ints:
     """For each point the pose that sees it from nearest, or most frontally, within a distance; or -1."""
     best, which = np.full(len(points), np.inf), np.full(len(points), -1, np.int64)
-    for pose in range(len(positions)):
+    for pose in range(len(poses)):
         for index in range(len(points)):
             if seen[pose, index]:
                 gap, along = 0.0, 0.0
                 for axis in range(3):
-                    ray = positions[pose, axis] - points[index, axis]
+                    ray = poses[pose, axis] - points[index, axis]
                     gap += ray * ray
                     along += ray * normals[index, axis]
-                if gap > farthest_m * farthest_m:
+                if gap > far_m * far_m:
                     continue
                 cost = -along / np.sqrt(max(gap, 1e-24)) if frontal else gap
                 if cost < best[index]:
@@ -167,7 +154,7 @@ def _best(
 
 def _speeds(flown: Trajectory) -> Floats:
     """Speed (N,) at each pose, m/s, over a second around it."""
-    half = 0.5
-    ahead, behind = (interpolated(flown.t_s + offset, flown.t_s, flown.positions) for offset in (half, -half))
-    span = np.minimum(flown.t_s + half, flown.t_s[-1]) - np.maximum(flown.t_s - half, flown.t_s[0])
+    after, before = flown.t_s + 0.5, flown.t_s - 0.5
+    ahead, behind = (interpolated(end, flown.t_s, flown.positions) for end in (after, before))
+    span = np.minimum(after, flown.t_s[-1]) - np.maximum(before, flown.t_s[0])
     return np.asarray(np.linalg.norm(ahead - behind, axis=1) / np.maximum(span, 1e-9))

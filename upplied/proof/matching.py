@@ -5,8 +5,6 @@ directions are nearest, where 0.8 to 1.25 times the plan's pace costs nothing, p
 jumps and reversals much (a shortest path; Viterbi 1967). Then the nearest place of the plan at that time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,14 +31,9 @@ class Matched(Record):
 
 
 def matched(plan: Trajectory, log: Trajectory, silent_s: float) -> Matched:
-    """The log's poses on a plan.
+    """The log's poses on a plan, both in one frame, to a few metres.
 
-    Parameters
-    ----------
-    plan, log : Trajectory
-        In one frame, to a few metres.
-    silent_s : float
-        A longer step of the log leaves open what was flown meanwhile.
+    A step of the log that is longer than `silent_s` leaves open what was flown meanwhile.
     """
     span, planned = float(log.t_s[-1] - log.t_s[0]), float(plan.t_s[-1] - plan.t_s[0])
     beat = max(span / _POSES, _STEP_S)

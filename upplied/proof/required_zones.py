@@ -1,7 +1,5 @@
 """The zones that are required of one structure: where they are on it, and how views of it show them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied import records
 from upplied.config import CloudSettings, Settings, focal_px, settings_for
 from upplied.errors import SettingsError, UppliedError
 from upplied.geometry.scene import Scene, scene_of
@@ -30,19 +29,7 @@ from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.observations import TRULY
 from upplied.proof.looks import looks_of
 from upplied.proof.zones import Demand, Looked, judged, shown_as_required
-from upplied.records import (
-    Bools,
-    Camera,
-    Cloud,
-    Floats,
-    Ints,
-    Plan,
-    Record,
-    Structure,
-    SupposedSurface,
-    Trajectory,
-)
-from upplied.records.required import RequiredSurface
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Structure, Trajectory
 from upplied.threads import one_thread
 
 _NEIGHBOURS = 5  # carried samples nearest to one of the target: it is in the zone where most of them are
@@ -68,25 +55,10 @@ def carried_zone(
     memo: Memo = no_memo,
     faces: Faces | None = None,
 ) -> CarriedZone:
-    """Find the samples of a target that correspond to a zone of a source.
+    """The samples (N) of a target's surface that correspond to a zone of a source (see `inspection.zone_of`).
 
-    Parameters
-    ----------
-    where : str
-        The zone on the source; see `about.zone_of`.
-    source, target : Structure
-        Of one kind, in their declared frames.
-    surface : Cloud
-        N samples of the target with normals, declared frame.
-    settings : Settings
-    memo : callable, optional
-    faces : callable, optional
-        Of labels; see `about.zone_of`.
-
-    Raises
-    ------
-    SettingsError
-        If the zone names no surface of the source.
+    Both structures are of one kind, and all is in declared frames. It is a SettingsError if the zone names
+    no surface of the source.
     """
     here, there = frames_for(source, target, settings)
     with one_thread():
@@ -137,21 +109,9 @@ class _Zone(Record):
 class RequiredZones:
     """The zones that are required of a structure, judged by views of it.
 
-    Parameters
-    ----------
-    structure : callable
-        The structure of an id, that zones are carried from.
-    memo : Memo
-        Remembers how structures correspond.
-    target : Structure
-    supposed : SupposedSurface or None
-        What was never scanned of it; a safe camera stays clear of it.
-    camera : Camera
-        Decides what a safe camera could see.
-    required : list of dict
-        Of each zone its name, set and version, who requires it, and its demand.
-    faces : callable, optional
-        Of labels; see `planning.demonstration.inspection.zone_of`.
+    Zones are carried from the structures that `structure` returns for their ids. A safe camera stays clear of
+    what is supposed of the target; `camera` decides what it could see. Of each required zone there are name,
+    set and version, who requires it, and its demand. For `faces` see `inspection.zone_of`.
     """
 
     def __init__(
@@ -159,7 +119,7 @@ class RequiredZones:
         structure: Callable[[str], Structure],
         memo: Memo,
         target: Structure,
-        supposed: SupposedSurface | None,
+        supposed: records.SupposedSurface | None,
         camera: Camera,
         required: list[dict[str, Any]],
         faces: Faces | None = None,
@@ -170,34 +130,25 @@ class RequiredZones:
         self.surface = surface_samples(target, scene_of(target), CloudSettings())
 
     def patches(self, where: str) -> Bools:
-        """The samples (N,) that a place names.
-
-        Raises
-        ------
-        SettingsError
-            If it names none.
-        """
+        """The samples (N,) that a place names; a SettingsError if it names none."""
         patches = zone_of(where, self.target, self.surface, self._skin, self._faces)
         if patches is None:
             raise SettingsError("the zone", "names no place", "landmarks, parts, boxes or balls")
         return patches
 
-    def planned(self, plan: Plan, camera: Camera) -> Looked:
+    def planned(self, plan: records.Plan, camera: Camera) -> Looked:
         """How a plan that has a path sees the samples; a picture is taken at each viewpoint."""
         path = plan.trajectory
         assert path is not None
         flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
-        return self._looked(path, camera, path.t_s[flags], scene_for(self.target, plan.supposed))
+        return self.along(path, camera, path.t_s[flags], scene_for(self.target, plan.supposed))
 
-    def along(self, path: Trajectory, camera: Camera, picture_s: Floats) -> Looked:
+    def along(self, path: Trajectory, camera: Camera, photo_s: Floats, scene: Scene | None = None) -> Looked:
         """How a path sees the samples: the nearest view, and the most frontal within each required range."""
-        return self._looked(path, camera, picture_s, self.scene)
-
-    def _looked(self, path: Trajectory, camera: Camera, picture_s: Floats, scene: Scene) -> Looked:
         gsd_mm = sorted({demand.gsd_mm for demand, _ in self._zones if demand.gsd_mm is not None})
         focal = focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0
         within_m = [1e-3 * each * focal for each in gsd_mm] if focal else []
-        looks = looks_of(path, self.surface, camera, scene, None, picture_s, within_m)
+        looks = looks_of(path, self.surface, camera, scene or self.scene, None, photo_s, within_m)
         return Looked(looks.distance_m, looks.incidence_deg, 0.0, camera, looks.pictures, looks.frontal)
 
     def judged(self, *looks: Looked) -> list[dict[str, Any]]:
@@ -221,14 +172,8 @@ class RequiredZones:
         seen_by = [at for at, look in enumerate(looks) if np.isfinite(look.distance_m[zone.patches]).any()]
         return about | {"status": verdict.status, "pct": verdict.shown_pct, "why": why, "seen_by": seen_by}
 
-    def required(self) -> tuple[RequiredSurface, tuple[str, ...]]:
-        """All zones as one surface, each sample with the strictest demand on it.
-
-        Returns
-        -------
-        tuple
-            The surface, and the zones that name none here, in words.
-        """
+    def required(self) -> tuple[records.RequiredSurface, tuple[str, ...]]:
+        """All zones as one surface, each sample with the strictest demand on it; and those that name none."""
         surface, unknown = self.surface, []
         required = np.zeros(len(surface), bool)
         gsd_m, incidence = np.full(len(surface), np.inf), np.full(len(surface), 90.0)
@@ -240,7 +185,8 @@ class RequiredZones:
             for least, limit, unit in ((gsd_m, demand.gsd_mm, 1e-3), (incidence, demand.incidence_deg, 1.0)):
                 if limit is not None:
                     least[zone.patches] = np.minimum(least[zone.patches], unit * limit)
-        return RequiredSurface(surface.points, surface.outward, required, gsd_m, incidence), tuple(unknown)
+        of_all = surface.points, surface.outward, required, gsd_m, incidence
+        return records.RequiredSurface(*of_all), tuple(unknown)
 
     def missed(self, *looks: Looked) -> list[tuple[dict[str, Any], Demand, Bools]]:
         """Of each zone that is known here its row, its demand, and the samples (N,) not shown as required."""

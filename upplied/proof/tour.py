@@ -7,8 +7,6 @@ the shorter path remains (iterated local search; Lourenco, Martin and Stuetzle 2
 same path. Safe legs join them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,12 +40,7 @@ STANDING_M = 1e-6  # of a leg: the vehicle stands
 def short_tour(apart: Floats, seen: Bools) -> Ints:
     """Poses (K,) in the order of a short open way that together see every sample.
 
-    Parameters
-    ----------
-    apart : array, shape (P, P), m
-        Lengths of the legs between poses.
-    seen : array of bool, shape (P, S)
-        Which pose sees which sample; each is seen by one at least.
+    Legs between poses are so long (P, P), m; which sees which sample (P, S), each is seen by one at least.
     """
     rng = np.random.default_rng(0)
     nothing, exact = np.zeros(0, np.int64), np.ones(len(apart))
@@ -164,30 +157,13 @@ class Toured(Record):
 
 
 def toured(
-    poses: Trajectory,
-    seen: Bools,
-    graph: Roadmap,
-    plan: Trajectory,
-    limits: RetimeSettings,
+    poses: Trajectory, seen: Bools, graph: Roadmap, plan: Trajectory, limits: RetimeSettings,
     most_mps: Callable[[Trajectory], Floats] | None = None,
-) -> Toured:
+) -> Toured:  # fmt: skip
     """A short safe flight by poses (P,) that together see all that poses see which safe legs join.
 
-    Parameters
-    ----------
-    poses : Trajectory
-    seen : array of bool, shape (P, L)
-    graph : Roadmap
-    plan : Trajectory
-        No faster than it usually is.
-    limits : RetimeSettings
-    most_mps : callable, optional
-        How fast each of some poses may be passed, m/s.
-
-    Raises
-    ------
-    RefusedError
-        If no safe way joins the poses.
+    Which pose sees what is (P, L); it is no faster than the plan usually is, nor than some poses may be
+    passed, m/s. Refused if no safe way joins the poses.
     """
     apart = safe_lengths(graph, poses.positions)
     joined = np.isfinite(apart) & seen.any(axis=1)  # of poses that see something, as many as can be
@@ -232,14 +208,9 @@ def _way_by(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, In
 
 
 def _timed(
-    poses: Trajectory,
-    chosen: Ints,
-    line: Floats,
-    at: Ints,
-    plan: Trajectory,
-    limits: RetimeSettings,
+    poses: Trajectory, chosen: Ints, line: Floats, at: Ints, plan: Trajectory, limits: RetimeSettings,
     most_mps: Floats | None = None,
-) -> tuple[Trajectory, Bools]:
+) -> tuple[Trajectory, Bools]:  # fmt: skip
     """Times under the vehicle's limits, no faster than the plan usually was; cameras turn on the way.
 
     No faster either than `most_mps` (K,) on the legs beside each chosen pose.

@@ -1,7 +1,5 @@
 """Whether a zone of a structure was shown as required: met, missed or unattainable, and why."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,18 +49,10 @@ class ZoneVerdict:
 
 
 def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looked]) -> ZoneVerdict:
-    """Judge a zone by all looks at it; each patch must be shown by one look within every limit.
+    """Judge a zone (N,) by all looks at it; each patch must be shown by one look within every limit.
 
-    Where more than one look is required, as many pictures that are young enough must show it.
-
-    Parameters
-    ----------
-    demand : Demand
-    zone : array of bool, shape (N,)
-        Patches of the zone.
-    attainable : array of bool, shape (N,)
-        Patches that some safe camera can see at all; the others are reported and do not count.
-    looks : sequence of Looked
+    Where more than one look is required, as many pictures that are young enough must show it. Patches that no
+    safe camera can see at all, which are not `attainable` (N,), are reported and do not count.
     """
     required = zone & attainable
     if not zone.any():
@@ -89,8 +79,7 @@ def shown_as_required(demand: Demand, count: int, looks: Sequence[Looked]) -> Bo
 
 def _steps(demand: Demand, count: int, looks: Sequence[Looked]) -> list[Bools]:
     """Patches (N,) seen; near enough; frontal as well; so by a young look; and in pictures enough."""
-    seen, fine, frontal, young = (np.zeros(count, bool) for _ in range(4))
-    pictures = np.zeros(count, np.int64)
+    (seen, fine, frontal, young), pictures = np.zeros((4, count), bool), np.zeros(count, np.int64)
     for look in looks:
         there = np.isfinite(look.distance_m)
         near, level = np.zeros(count, bool), np.zeros(count, bool)

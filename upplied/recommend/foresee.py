@@ -66,12 +66,7 @@ class Foreseen(Record):
 def inspected(cloud: Cloud, views: Views) -> Inspected:
     """The samples of a structure that a demonstration saw, and its stations.
 
-    Parameters
-    ----------
-    cloud : Cloud
-        Of the structure, with normals and areas.
-    views : Views
-        Of that cloud, by `upplied.planning.visibility.observations.TRULY`.
+    The cloud is of the structure, with normals and areas; the views of it are by `TRULY`.
     """
     assert cloud.area_m2 is not None
     total, label, parts = views.total, labels_of(cloud), parts_of(cloud)
@@ -83,20 +78,14 @@ def inspected(cloud: Cloud, views: Views) -> Inspected:
         if of_part[part] > 0
     ]
     share = float(cloud.area_m2[total].sum() / cloud.area_m2.sum())
-    places = chosen_evenly(len(views.stations), _STATIONS)
-    return Inspected(
-        sample=np.flatnonzero(total),
-        stations=views.stations.positions[places],
-        share=share,
-        parts=of_part,
-        summary=f"inspected {100 * share:.0f} % of its structure"
-        + (f": {', '.join(named)}" if named else ""),
-    )
+    stations = views.stations.positions[chosen_evenly(len(views.stations), _STATIONS)]
+    summary = f"inspected {100 * share:.0f} % of its structure" + (f": {', '.join(named)}" if named else "")
+    return Inspected(np.flatnonzero(total), stations, share, of_part, summary)
 
 
 def agreement(source: Cloud, target: Cloud, registration: Registration) -> Agreement:
     """The counterpart on the target of each sample of the source, part by part."""
-    registered, diagonal = in_source_frame(target, registration), diagonal_m(source)
+    registered, diagonal = in_source_frame(target, registration), diagonal_of(source.points)
     matching = matched(source, registered)
     moving, fixed = patches(source, registered, matching)
     there = aligned_parts(moving, fixed)
@@ -108,26 +97,12 @@ def agreement(source: Cloud, target: Cloud, registration: Registration) -> Agree
 
 
 def foresee(
-    source: Cloud,
-    target: Cloud,
-    registration: Registration,
-    agreed: Agreement,
-    seen: Inspected,
+    source: Cloud, target: Cloud, registration: Registration, agreed: Agreement, seen: Inspected,
     camera: Camera,
-) -> Foreseen:
-    """Expected coverage of a transfer.
+) -> Foreseen:  # fmt: skip
+    """Expected coverage of a transfer of what a demonstration saw.
 
-    Parameters
-    ----------
-    source, target : Cloud
-        With normals and areas, each in its own frame.
-    registration : Registration
-        Of the target on the demonstration's structure.
-    agreed : Agreement
-        Of the two.
-    seen : Inspected
-        By the demonstration.
-    camera : Camera
+    The clouds have normals and areas, each in its own frame; the registration is of the target on the source.
     """
     assert source.area_m2 is not None
     area, index = source.area_m2[seen.sample], agreed.counterpart[seen.sample]
@@ -137,32 +112,15 @@ def foresee(
     need = np.bincount(index[paired], weights=area[paired], minlength=len(target))
     wanted = np.flatnonzero(need)
     shown = in_sight(target, wanted, registration.to_target(seen.stations), camera)
-    return Foreseen(
-        100 * float(need[wanted[shown]].sum() / need.sum()), 100 * float(area[~paired].sum()) / whole
-    )
-
-
-def diagonal_m(cloud: Cloud) -> float:
-    """Length of a structure's diagonal, from its samples, m."""
-    return diagonal_of(cloud.points)
+    coverage = float(need[wanted[shown]].sum() / need.sum())
+    return Foreseen(100 * coverage, 100 * float(area[~paired].sum()) / whole)
 
 
 def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bools:
-    """The samples of a surface that are seen from any of the stations, with the camera turned freely.
+    """Which of the wanted samples (K,) are seen from any of the stations (S, 3), m, structure frame.
 
-    Parameters
-    ----------
-    cloud : Cloud
-        With normals and areas: each sample is an opaque disc of its area.
-    wanted : array of int, shape (K,)
-        Samples to test.
-    stations : array, shape (S, 3), m, structure frame
-    camera : Camera
-        Only its range counts.
-
-    Returns
-    -------
-    array of bool, shape (K,)
+    The camera is turned freely: only its range counts. Each sample of the cloud, with normals and areas, is
+    an opaque disc of its area.
     """
     visible = _in_sight(
         np.ascontiguousarray(cloud.points[wanted]),
@@ -195,16 +153,9 @@ def _discs(points: Floats, normals: Floats, area_m2: Floats) -> tuple[Floats, In
 
 @njit(cache=True)
 def _in_sight(
-    points: Floats,
-    normals: Floats,
-    stations: Floats,
-    ranges: tuple[float, float],
-    least_cosine: float,
-    near: float,
-    discs: Floats,
-    start: Ints,
-    balls: Floats,
-) -> Bools:
+    points: Floats, normals: Floats, stations: Floats, ranges: tuple[float, float], least_cosine: float,
+    near: float, discs: Floats, start: Ints, balls: Floats,
+) -> Bools:  # fmt: skip
     visible = np.zeros(len(points), np.bool_)
     cosine = np.empty(len(stations))
     for row in range(len(points)):

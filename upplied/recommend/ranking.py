@@ -22,7 +22,8 @@ from upplied.config import Settings, settings_for
 from upplied.errors import InputError
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.registration import fitted
-from upplied.recommend.foresee import FORESIGHT_VERSION, Agreement, Foreseen, agreement, diagonal_m, foresee
+from upplied.planning.geometry.clouds import diagonal_of
+from upplied.recommend.foresee import FORESIGHT_VERSION, Agreement, Foreseen, agreement, foresee
 from upplied.recommend.shapes import Shapes, content_of, unlikeness
 from upplied.records import Floats, Registration
 
@@ -62,19 +63,9 @@ def recommend(
     then the others by similarity. Another declared kind counts against a flight, but a good fit of the shapes
     outweighs it.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    structure_id : str
-    most : int
-        Maximum number of results; only flights of the few most similar structures are considered.
-    by_kind : bool
-        Whether declared kinds count; otherwise only the shape decides.
-
-    Raises
-    ------
-    InputError
-        If the catalog lacks the structure, or has no demonstration with its structure.
+    At most `most` are given, of the few most similar structures. Unless declared kinds count (`by_kind`),
+    only the shape decides. An InputError is raised if the catalog lacks the structure, or has no
+    demonstration with its structure.
     """
     check_id(structure_id, "structure id")
     structures = catalog.structures().set_index("structure_id")
@@ -84,19 +75,14 @@ def recommend(
     flights = catalog.demonstrations()
     flights = flights[flights["structure_id"].isin(structures.index)]
     if not len(flights):
-        raise InputError(
-            f"catalog {catalog.location}",
-            "has no demonstration of any of its structures",
-            remedy="add logs first: upplied demonstrations add",
-        )
+        finding, remedy = "has no demonstration of any of its structures", "upplied demonstrations add"
+        raise InputError(f"catalog {catalog.location}", finding, remedy=f"add logs first: {remedy}")
     question = _Question(catalog, structure_id, structures, by_kind)
     judged = sorted(question.judge(row, unlike) for row, unlike in question.candidates(flights))
     return [replace(one, rank=rank) for rank, (*_, one) in enumerate(judged[:most], 1)]
 
 
 class _Question:
-    """One structure as the target of the others, with the cached results of each pair."""
-
     def __init__(self, catalog: Catalog, target_id: str, structures: pd.DataFrame, by_kind: bool) -> None:
         self.catalog, self.target_id = catalog, target_id
         self.settings: Settings = settings_for("recommended")
@@ -110,9 +96,8 @@ class _Question:
         """The flights over the structures most alike, with how unlike those are."""
         sources = sorted(set(flights["structure_id"]))
         library = self.shapes.library(self.content[sources].to_dict())
-        unlike: Floats = unlikeness(
-            self.shapes.features(self.target_id, self.content[self.target_id]), library
-        )
+        own = self.shapes.features(self.target_id, self.content[self.target_id])
+        unlike: Floats = unlikeness(own, library)
         nearest = np.argsort(unlike + self.other_kind[sources].to_numpy(), kind="stable")[:_SOURCES]
         flights = flights.assign(content=content_of(flights, "poses_sha256"))
         flights = flights.sort_values("demonstration_id")
@@ -143,10 +128,8 @@ class _Question:
         agreed, foreseen = None, Foreseen(float("nan"), float("nan"))
         if registration.accepted:
             agreed = known("agreement", Agreement, lambda: agreement(source, self.target, registration))
-            pair = (source, self.target, registration, agreed)
-            foreseen = known(
-                "foreseen", Foreseen, lambda: foresee(*pair, seen, camera_of(row.to_dict())), row["content"]
-            )
+            facts = (source, self.target, registration, agreed, seen, camera_of(row.to_dict()))
+            foreseen = known("foreseen", Foreseen, lambda: foresee(*facts), row["content"])
         kind, misfit = str(self.kinds[source_id]), registration.acceptance
         other_kind = float(self.other_kind[source_id])
         if source_id == self.target_id:
@@ -155,10 +138,10 @@ class _Question:
             verdict, why = "refused", registration.reason
         else:
             verdict = "fits" if misfit + unlike + other_kind < _SURE else "doubtful"
-            size = diagonal_m(self.target) / diagonal_m(source)
+            size = diagonal_of(self.target.points) / diagonal_of(source.points)
             parts = f"{agreed.parts_matched} of {agreed.parts} parts match"
-            area = f"{100 * agreed.area_matched:.0f} % by area"
-            words = [f"the structures fit (misfit {misfit:.2f})", f"{parts} ({area})"]
+            words = [f"the structures fit (misfit {misfit:.2f})"]
+            words += [f"{parts} ({100 * agreed.area_matched:.0f} % by area)"]
             words += [f"size ratio {size:.2f}", seen.summary]
             if foreseen.without_pct > 0.5:
                 words.append(f"{foreseen.without_pct:.0f} % of that has no counterpart here")

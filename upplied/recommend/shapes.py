@@ -1,10 +1,8 @@
 """Features of the shapes in a catalog and the surface that flights saw, cached by content.
 
 The features of a structure are a few numbers, for fast comparison of thousands. They predict
-`upplied.planning.correspondence.misfit` without a registration: boxes are scaled to the same size, occupied
-space is one bit per cell, and the directions of the surface are a histogram. Similar structures are then
-registered. They are computed at the import of a file, so that queries need no mesh; few files contain
-thousands of them.
+`upplied.planning.correspondence.misfit` without a registration, and are computed at the import of a file, so
+that queries need no mesh; few files contain thousands of them.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy import ndimage
+from scipy.ndimage import binary_dilation
 
 from upplied.catalog import Catalog
 from upplied.config import digest, settings_for
@@ -57,26 +55,26 @@ class ShapeLibrary(Rows):
 
 
 def shape_features(cloud: Cloud) -> ShapeFeatures:
-    """Features of a structure from its surface samples.
+    """Features of a structure from its surface samples with normals and areas, structure frame.
 
     Except for `extent_m` they do not change with shift and scaling; an uneven scaling changes `facing`.
-
-    Parameters
-    ----------
-    cloud : Cloud
-        With normals and areas, structure frame.
     """
     if cloud.normals is None or cloud.area_m2 is None:
         raise ValueError("features need samples with normals and areas")
-    occupied = _occupied(cloud.points)
+    low, size = cloud.points.min(axis=0), np.maximum(np.ptp(cloud.points, axis=0), 1e-9)
+    cell = np.clip(((cloud.points - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
+    occupied = np.zeros((_CELLS,) * 3, bool)
+    occupied[tuple(cell.T)] = True
     share = cloud.area_m2 / cloud.area_m2.sum()
     bins = np.clip(((cloud.normals + 1) / 2 * _FACES).astype(int), 0, _FACES - 1)
-    return ShapeFeatures(
-        extent_m=np.ptp(cloud.points, axis=0),
-        occupied=_packed(occupied),
-        near=_packed(ndimage.binary_dilation(occupied)),
-        facing=np.concatenate([np.bincount(axis, weights=share, minlength=_FACES) for axis in bins.T]),
-    )
+    facing = np.concatenate([np.bincount(axis, weights=share, minlength=_FACES) for axis in bins.T])
+    return _features(np.ptp(cloud.points, axis=0), occupied, facing)
+
+
+def _features(extent_m: Floats, occupied: Bools, facing: Floats) -> ShapeFeatures:
+    grids = (occupied, binary_dilation(occupied))
+    cells, near = (np.packbits(grid.reshape(-1)).view(np.int64) for grid in grids)
+    return ShapeFeatures(extent_m, cells, near, facing)
 
 
 def library_of(features: list[ShapeFeatures]) -> ShapeLibrary:
@@ -104,53 +102,23 @@ def unlikeness(shape: ShapeFeatures, library: ShapeLibrary) -> Floats:
     return np.asarray(_OVERLAP * (1 - (forth + back) / 2) + _STRETCH * stretch + _FACING * facing, float)
 
 
-def _occupied(points: Floats) -> Bools:
-    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
-    cell = np.clip(((points - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
-    grid = np.zeros((_CELLS,) * 3, bool)
-    grid[cell[:, 0], cell[:, 1], cell[:, 2]] = True
-    return grid
-
-
-def _packed(grid: Bools) -> Ints:
-    return np.packbits(grid.reshape(-1)).view(np.int64)
-
-
 def _count(words: Ints) -> Ints:
     return np.asarray(np.bitwise_count(words.view(np.uint64)).sum(axis=-1), np.int64)
 
 
 def turned(shape: ShapeFeatures, turn: Floats) -> ShapeFeatures:
-    """The features of a structure after quarter turns, without its samples.
-
-    Parameters
-    ----------
-    shape : ShapeFeatures
-    turn : array, shape (3, 3)
-        Proper, each entry -1, 0 or 1.
-    """
-    order, signs = np.argmax(np.abs(turn), axis=1), turn[np.arange(3), np.argmax(np.abs(turn), axis=1)]
-    flipped = tuple(np.flatnonzero(signs < 0).tolist())
+    """The features of a structure after quarter turns (3, 3), of -1, 0 and 1, without its samples."""
+    order = np.argmax(np.abs(turn), axis=1)
+    flipped = tuple(np.flatnonzero(turn[np.arange(3), order] < 0).tolist())
     cells = np.unpackbits(shape.occupied.view(np.uint8)).reshape((_CELLS,) * 3).astype(bool)
     occupied = np.flip(cells.transpose(order), axis=flipped)
     facing = shape.facing.reshape(3, _FACES)[order]
     facing[list(flipped)] = facing[list(flipped)][:, ::-1]
-    return ShapeFeatures(
-        extent_m=shape.extent_m[order],
-        occupied=_packed(occupied),
-        near=_packed(ndimage.binary_dilation(occupied)),
-        facing=facing.reshape(-1),
-    )
+    return _features(shape.extent_m[order], occupied, facing.reshape(-1))
 
 
 class Shapes:
-    """Features of the shapes in a catalog.
-
-    Parameters
-    ----------
-    catalog : Catalog
-        Results are stored in its cache; meshes and logs are read only if they are missing there.
-    """
+    """Features of the shapes in a catalog, by its cache; meshes and logs are read where they lack there."""
 
     def __init__(self, catalog: Catalog) -> None:
         self.catalog, self.clouds = catalog, settings_for("recommended").clouds
@@ -177,23 +145,17 @@ class Shapes:
 
     def features(self, structure_id: str, sha256: str) -> ShapeFeatures:
         """Features of one structure."""
-        return self.catalog.cache(
-            "features",
-            ShapeFeatures,
-            self._key(sha256),
-            lambda: shape_features(self.cloud(structure_id, sha256)),
-        )
+        key, of_cloud = self._key(sha256), lambda: shape_features(self.cloud(structure_id, sha256))
+        return self.catalog.cache("features", ShapeFeatures, key, of_cloud)
 
-    def inspected(
-        self, flight_id: str, flight_sha256: str, structure_id: str, structure_sha256: str
-    ) -> Inspected:
+    def inspected(self, flight_id: str, flight_sha256: str, structure_id: str, its_sha256: str) -> Inspected:
         """The surface of its structure that a demonstration saw."""
-        self.cloud(structure_id, structure_sha256)
-        return self._inspected(
-            flight_sha256,
-            structure_sha256,
-            lambda: (self.catalog.demonstration(flight_id), self.catalog.structure(structure_id)),
-        )
+        self.cloud(structure_id, its_sha256)
+
+        def both() -> tuple[Demonstration, Structure]:
+            return self.catalog.demonstration(flight_id), self.catalog.structure(structure_id)
+
+        return self._inspected(flight_sha256, its_sha256, both)
 
     def library(self, sha256: Mapping[str, str]) -> ShapeLibrary:
         """Features of many structures, in the order of the mapping from id to hash."""
@@ -213,12 +175,11 @@ class Shapes:
 
     def _block(self, sha256: Mapping[str, str]) -> ShapeLibrary:
         key = content_key("library", FEATURES_VERSION, list(sha256.values()), self.clouds)
-        return self.catalog.cache(
-            "features",
-            ShapeLibrary,
-            key,
-            lambda: library_of([self.features(name, content) for name, content in sha256.items()]),
-        )
+
+        def read() -> ShapeLibrary:
+            return library_of([self.features(name, content) for name, content in sha256.items()])
+
+        return self.catalog.cache("features", ShapeLibrary, key, read)
 
     def _key(self, sha256: str) -> str:
         return content_key("features", FEATURES_VERSION, sha256, self.clouds)
@@ -240,12 +201,10 @@ class Shapes:
             flight, structure = both()
             return views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
 
-        return cache(
-            "inspected",
-            Inspected,
-            content_key("inspected", FORESIGHT_VERSION, *facts),
-            lambda: inspected(cloud, cache("views", Views, content_key("truly", *facts), seen)),
-        )
+        def found() -> Inspected:
+            return inspected(cloud, cache("views", Views, content_key("truly", *facts), seen))
+
+        return cache("inspected", Inspected, content_key("inspected", FORESIGHT_VERSION, *facts), found)
 
 
 def _blocks(names: Iterable[str]) -> list[list[str]]:

@@ -1,7 +1,5 @@
 """The base of all records: array types, a repr with shapes, and cached results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any, Self, TypeVar
@@ -21,11 +19,7 @@ class Record:
     def derived(self, name: str, compute: Callable[[], Value]) -> Value:
         """A result that depends on this record alone, computed once; a changed copy computes its own.
 
-        Parameters
-        ----------
-        name : str
-            Name of the result, with everything else that it depends on.
-        compute : callable
+        Its name says everything else that it depends on.
         """
         values: dict[str, Value] = self.__dict__.setdefault("_derived", {})
         if name not in values:
@@ -60,9 +54,5 @@ class Rows(Record):
     def stacked(cls, parts: Sequence[Self]) -> Self:
         """The things of several records one after another."""
         columns = [[getattr(part, item.name) for part in parts] for item in fields(cls)]  # type: ignore[arg-type]
-        return cls(
-            *(
-                type(each[0]).stacked(each) if isinstance(each[0], Rows) else np.concatenate(each)
-                for each in columns
-            )
-        )
+        return cls(*(type(each[0]).stacked(each) if isinstance(each[0], Rows) else np.concatenate(each)
+                     for each in columns))  # fmt: skip

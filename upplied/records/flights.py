@@ -1,7 +1,5 @@
 """A camera, a trajectory and a demonstration."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -38,7 +36,7 @@ class Camera(Record):
     # Distortion; None: a pinhole. Plans ignore it.
     lens: Lens | None = field(default=None, metadata={"later": True})
 
-    def zoomed(self, fov_deg: Floats) -> list[Camera]:
+    def zoomed(self, fov_deg: Floats) -> "list[Camera]":
         """The camera at each field of view (N, 2), horizontal and vertical, through which it zooms."""
         return [replace(self, hfov_deg=float(across), vfov_deg=float(up)) for across, up in fov_deg]
 
@@ -56,7 +54,7 @@ class Trajectory(Record):
     def __len__(self) -> int:
         return len(self.t_s)
 
-    def take(self, index: Ints | Bools | slice) -> Trajectory:
+    def take(self, index: Ints | Bools | slice) -> "Trajectory":
         """The poses of this index."""
         fov_deg = None if self.fov_deg is None else self.fov_deg[index]
         return Trajectory(self.t_s[index], self.positions[index], self.quat_xyzw[index], fov_deg)

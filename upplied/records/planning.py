@@ -1,7 +1,5 @@
 """Results of the steps of planning: clouds, registration, correspondences, views, viewpoints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,10 +9,7 @@ from upplied.records.base import Bools, Floats, Ints, Record, Rows
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloud(Record):
-    """Points that stand for a surface.
-
-    From the paper's voxel filter: `points` alone. Surface samples carry normals and areas as well.
-    """
+    """Points that stand for a surface, from the paper's voxel filter; samples have normals and areas too."""
 
     points: Floats  # (N, 3) m, structure frame
     normals: Floats | None = None  # (N, 3) unit, outward
@@ -33,17 +28,12 @@ class Cloud(Record):
 
     @property
     def outward(self) -> Floats:
-        """(N, 3) the normals, of surface samples; other clouds have none.
-
-        Raises
-        ------
-        ValueError
-        """
+        """(N, 3) the normals, of surface samples; of other clouds, which have none, a ValueError."""
         if self.normals is None:
             raise ValueError("a cloud without normals: surface samples are required")
         return self.normals
 
-    def at(self, chosen: Bools | Ints) -> Cloud:
+    def at(self, chosen: Bools | Ints) -> "Cloud":
         """Some of the points, with their normals and areas."""
         normals, area_m2 = (None if of is None else of[chosen] for of in (self.normals, self.area_m2))
         return Cloud(self.points[chosen], normals, area_m2)

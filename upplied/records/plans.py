@@ -1,6 +1,4 @@
-"""A plan, its measures and the surface that it shows."""
-
-from __future__ import annotations
+"""A plan, its measures, the surface that it shows, and the surface that it is required to show."""
 
 from dataclasses import dataclass, field
 
@@ -167,3 +165,14 @@ class Plan(Record):
     def n_viewpoints(self) -> int:
         """Number of waypoints that are viewpoints."""
         return 0 if self.is_viewpoint is None else int(self.is_viewpoint.sum())
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RequiredSurface(Record):
+    """Samples of the whole surface of a structure, with the requirements of those in a zone."""
+
+    points: Floats  # (S, 3) m, declared frame of the structure
+    normals: Floats  # (S, 3) unit, outward
+    zone: Bools  # (S,) whether it must be seen; other samples define the boundary of the zone
+    gsd_m: Floats  # (S,) maximum ground sample distance; infinite without a requirement
+    incidence_deg: Floats  # (S,) maximum angle from the normal; 90 without a requirement

@@ -1,7 +1,5 @@
 """A structure, its place on the Earth, its surroundings, and its frame."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

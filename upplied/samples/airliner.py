@@ -10,24 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from upplied.records import Floats
-from upplied.samples.surfaces import (
-    Member,
-    Part,
-    Section,
-    assemble,
-    lifting_surface,
-    loft,
-    revolve,
-    smoothstep,
-    superellipse,
-)
+from upplied.samples.surfaces import Member, Part, Section, assemble, foil_loft, loft, revolve, superellipse
 
 _UP, _ACROSS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+_AROUND = 36  # points of a section of the fuselage
 # Distance aft and radius, as shares of the length and of the largest radius: from the tip of the spinner over
 # fan, intake, lip, cowl, fan nozzle and core nozzle to the tip of the plug.
 _COWL = np.array(
@@ -76,6 +68,11 @@ class Engine:
     clearance_m: float  # of the cowl above the ground
     suffix: str = ""  # of the part's name: "" or "_outer"
 
+    @property
+    def axis_z_m(self) -> float:
+        """Height of its axis above the ground."""
+        return self.clearance_m + self.diameter_m / 2
+
 
 @dataclass(frozen=True)
 class AirlinerShape:
@@ -105,12 +102,15 @@ class AirlinerShape:
 
 def airliner(shape: AirlinerShape, structure_id: str) -> Member:
     """The mesh of an airliner: fuselage, fairing, wings, winglets, tail, engines and pylons."""
-    parts = [_fuselage(shape), _fairing(shape), _fin(shape)]
+    parts, fin = [_fuselage(shape), _fairing(shape)], shape.fin
+    back = float(np.tan(np.radians(fin.sweep_deg)))
+    sections = _sections(fin, 0.0, lambda up: (-fin.apex_m - up * back, 0.0, fin.root_z_m + up))
+    parts.append(foil_loft("fin", sections, _ACROSS))
     for side, name in ((1, "left"), (-1, "right")):
-        parts += [
-            _half_wing(shape.wing, f"wing_{name}", side),
-            _half_wing(shape.stabiliser, f"stabiliser_{name}", side),
-        ]
+        for half, wing in (("wing", shape.wing), ("stabiliser", shape.stabiliser)):
+            # The halves begin inside the fuselage, a little off the plane of symmetry: their roots are two.
+            sections = _sections(wing, 0.02, partial(_leading, wing, side))
+            parts.append(foil_loft(f"{half}_{name}", sections, _UP, stations=16))
         for engine in shape.engines:
             parts += [_nacelle(engine, name, side), _pylon(shape.wing, engine, name, side)]
         if shape.wing.winglet_m > 0:
@@ -118,28 +118,23 @@ def airliner(shape: AirlinerShape, structure_id: str) -> Member:
         if shape.endplate_m > 0:
             parts.append(_endplate(shape, name, side))
     middle = np.array([shape.length_m / 2, 0.0, 0.0])
-    return assemble(
-        structure_id,
-        "airliner",
-        [Part(part.name, part.vertices + middle, part.triangles) for part in parts],
-        "parametric airliner",
-        landmarks=("engine", "fin"),
-    )
+    parts = [Part(part.name, part.vertices + middle, part.triangles) for part in parts]
+    return assemble(structure_id, "airliner", parts, "parametric airliner", landmarks=("engine", "fin"))
 
 
-def _fuselage(shape: AirlinerShape, around: int = 36) -> Part:
+def _fuselage(shape: AirlinerShape) -> Part:
     nose = shape.nose_m * (1 - np.cos(np.linspace(0.06, np.pi / 2, 13)[:-1]))
     middle = np.linspace(shape.nose_m, shape.length_m - shape.tail_m, 23)[:-1]
     tail = shape.length_m - shape.tail_m * np.cos(np.linspace(0, np.pi / 2, 15))
     aft = np.concatenate([nose, middle, tail])
     full, middle_z = _fullness(shape, aft)
     lower = (full * shape.width_m / 2, full * shape.height_m / 2, np.zeros(len(aft)))
-    angle = 2 * np.pi * np.arange(around) / around
+    angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
     direction = np.stack([np.sin(angle), np.cos(angle)], axis=1)
     radius = _reach(direction, *lower)
     if shape.hump is not None:
         radius = np.maximum(radius, _reach(direction, *_lobe(shape.hump, aft, lower)))
-    rings = np.empty((len(aft), around, 3))
+    rings = np.empty((len(aft), _AROUND, 3))
     rings[..., 0] = -aft[:, None]
     rings[..., 1] = radius * direction[:, 0]
     rings[..., 2] = middle_z[:, None] + radius * direction[:, 1]
@@ -151,7 +146,7 @@ def _fullness(shape: AirlinerShape, aft: Floats) -> tuple[Floats, Floats]:
     """Share of the full section at each station, and the height of its middle above the ground."""
     fore = np.clip(aft / shape.nose_m, 0, 1)
     rear = np.clip((aft - shape.length_m + shape.tail_m) / shape.tail_m, 0, 1)
-    taper = 1 - 0.93 * (0.25 * rear + 0.75 * rear**1.9) * smoothstep(rear, -0.3, 0.35)
+    taper = 1 - 0.93 * (0.25 * rear + 0.75 * rear**1.9) * _smoothstep(rear, -0.3, 0.35)
     full = (1 - (1 - fore) ** 2) ** 0.58 * taper
     droop = -0.17 * shape.height_m * (1 - fore) ** 2.2
     # The top of the tail runs almost level, its belly sweeps up.
@@ -161,13 +156,16 @@ def _fullness(shape: AirlinerShape, aft: Floats) -> tuple[Floats, Floats]:
 
 def _lobe(hump: Hump, aft: Floats, lower: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
     begins, whole, until, gone = hump.span_m
-    share = smoothstep(aft, begins, whole) * (1 - smoothstep(aft, until, gone))
+    share = _smoothstep(aft, begins, whole) * (1 - _smoothstep(aft, until, gone))
     width, height, _ = lower
-    return (
-        width + share * (hump.width_m / 2 - width),
-        height + share * (hump.height_m / 2 - height),
-        share * hump.rise_m,
-    )
+    wide, tall = hump.width_m / 2 - width, hump.height_m / 2 - height
+    return width + share * wide, height + share * tall, share * hump.rise_m
+
+
+def _smoothstep(value: Floats, start: float, stop: float) -> Floats:
+    """0 before `start`, 1 after `stop`, smooth between."""
+    t = np.clip((value - start) / (stop - start), 0, 1)
+    return t * t * (3 - 2 * t)
 
 
 def _reach(direction: Floats, half_width: Floats, half_height: Floats, rise: Floats) -> Floats:
@@ -179,98 +177,61 @@ def _reach(direction: Floats, half_width: Floats, half_height: Floats, rise: Flo
 
 
 def _fairing(shape: AirlinerShape) -> Part:
-    """The belly fairing where the wings meet the fuselage."""
     root = shape.wing.chords_m[0]
-    along = np.linspace(0, np.pi, 13)[1:-1]
+    along = np.linspace(0, np.pi, 13)[1:-1, None]
     aft = shape.wing.apex_m + root * (0.55 - 0.72 * np.cos(along))
-    swell = np.sin(along) ** 0.7
-    outline = superellipse(24, 2.6)
-    rings = np.empty((len(aft), 24, 3))
-    rings[..., 0] = -aft[:, None]
-    rings[..., 1] = 0.53 * shape.width_m * swell[:, None] * outline[:, 0]
-    rings[..., 2] = (
-        shape.axis_z_m - 0.36 * shape.height_m + 0.20 * shape.height_m * swell[:, None] * outline[:, 1]
-    )
-    return loft("fairing", rings)
+    swell, outline = np.sin(along) ** 0.7, superellipse(24, 2.6)
+    y = 0.53 * shape.width_m * swell * outline[:, 0]
+    z = shape.axis_z_m - 0.36 * shape.height_m + 0.20 * shape.height_m * swell * outline[:, 1]
+    return loft("fairing", np.stack([np.broadcast_to(-aft, y.shape), y, z], axis=-1))
 
 
 def _sections(wing: Wing, root: float, edge: Callable[[float], tuple[float, float, float]]) -> list[Section]:
     """The airfoils of a half at its root, a share of the span from the middle, at its kink and at its tip."""
-    thick, thin = wing.thickness
-    return [
-        Section(edge(share * wing.span_m), chord, thick + share * (thin - thick))
-        for share, chord in zip((root, wing.kink, 1.0), wing.chords_m, strict=True)
-    ]
+    (thick, thin), shares = wing.thickness, (root, wing.kink, 1.0)
+    rows = zip(shares, wing.chords_m, strict=True)
+    return [(edge(share * wing.span_m), chord, thick + share * (thin - thick)) for share, chord in rows]
 
 
-def _leading(wing: Wing, out: float, side: int) -> tuple[float, float, float]:
+def _leading(wing: Wing, side: int, out: float) -> tuple[float, float, float]:
     """Leading edge of the wing at a distance from the plane of symmetry."""
-    return (
-        -wing.apex_m - out * float(np.tan(np.radians(wing.sweep_deg))),
-        side * out,
-        wing.root_z_m + out * float(np.tan(np.radians(wing.dihedral_deg))),
-    )
-
-
-def _half_wing(wing: Wing, name: str, side: int) -> Part:
-    # The halves begin inside the fuselage, a little off the plane of symmetry: their roots do not coincide.
-    sections = _sections(wing, 0.02, lambda out: _leading(wing, out, side))
-    return lifting_surface(name, sections, _UP, stations=16)
+    back, up = (float(np.tan(np.radians(angle))) for angle in (wing.sweep_deg, wing.dihedral_deg))
+    return -wing.apex_m - out * back, side * out, wing.root_z_m + out * up
 
 
 def _winglet(wing: Wing, name: str, side: int) -> Part:
-    x, y, z = _leading(wing, wing.span_m, side)
+    x, y, z = _leading(wing, side, wing.span_m)
     chord, height = wing.chords_m[2], wing.winglet_m
+    root = (x - 0.12 * chord, y - side * 0.02, z)
     tip = (x - 0.15 * chord - 0.75 * height, y + side * 0.25 * height, z + height)
-    return lifting_surface(
-        f"winglet_{name}",
-        [
-            Section((x - 0.12 * chord, y - side * 0.02, z), 0.86 * chord, 0.09),
-            Section(tip, 0.4 * chord, 0.07),
-        ],
-        _ACROSS,
-        stations=5,
-    )
-
-
-def _fin(shape: AirlinerShape) -> Part:
-    fin = shape.fin
-    back = float(np.tan(np.radians(fin.sweep_deg)))
-    sections = _sections(fin, 0.0, lambda up: (-fin.apex_m - up * back, 0.0, fin.root_z_m + up))
-    return lifting_surface("fin", sections, _ACROSS, stations=12)
+    sections = [(root, 0.86 * chord, 0.09), (tip, 0.4 * chord, 0.07)]
+    return foil_loft(f"winglet_{name}", sections, _ACROSS, stations=5)
 
 
 def _endplate(shape: AirlinerShape, name: str, side: int) -> Part:
-    x, y, z = _leading(shape.stabiliser, shape.stabiliser.span_m, side)
+    x, y, z = _leading(shape.stabiliser, side, shape.stabiliser.span_m)
     chord, height = shape.stabiliser.chords_m[2], shape.endplate_m
     sections = [
-        Section((x + 0.35 * chord - 0.35 * share * height, y, z + (share - 0.4) * height), size * chord, 0.09)
+        ((x + 0.35 * chord - 0.35 * share * height, y, z + (share - 0.4) * height), size * chord, 0.09)
         for share, size in ((0.0, 1.0), (0.45, 1.3), (1.0, 0.75))
     ]
-    return lifting_surface(f"endplate_{name}", sections, _ACROSS, stations=8)
-
-
-def _axis_z(engine: Engine) -> float:
-    return engine.clearance_m + engine.diameter_m / 2
+    return foil_loft(f"endplate_{name}", sections, _ACROSS, stations=8)
 
 
 def _nacelle(engine: Engine, name: str, side: int) -> Part:
-    origin = np.array([-engine.front_m, side * engine.out_m, _axis_z(engine)])
+    origin = np.array([-engine.front_m, side * engine.out_m, engine.axis_z_m])
     profile = _COWL * (engine.length_m, engine.diameter_m / 2)
     return revolve(f"engine_{name}{engine.suffix}", profile, origin, np.array([-1.0, 0.0, 0.0]))
 
 
 def _pylon(wing: Wing, engine: Engine, name: str, side: int) -> Part:
     """From inside the cowl to inside the wing."""
-    x, y, z = _leading(wing, engine.out_m, side)
+    x, y, z = _leading(wing, side, engine.out_m)
     chord = float(np.interp(engine.out_m / wing.span_m, (0.0, wing.kink, 1.0), wing.chords_m))
-    low = _axis_z(engine) + 0.55 * engine.diameter_m / 2
-    crest = min(_axis_z(engine) + 0.53 * engine.diameter_m, z - 0.15 * (z - low))
-    front = -engine.front_m - 0.16 * engine.length_m
-    rear = x - 0.45 * chord
-    sections = [
-        Section((front, y, low), 0.72 * engine.length_m, 0.09),
-        Section((front - 0.02 * engine.length_m, y, crest), front - 0.02 * engine.length_m - rear, 0.06),
-        Section((x - 0.02 * chord, y, z), 0.5 * chord, 0.06),
-    ]
-    return lifting_surface(f"pylon_{name}{engine.suffix}", sections, _ACROSS, stations=6)
+    low = engine.axis_z_m + 0.55 * engine.diameter_m / 2
+    crest = min(engine.axis_z_m + 0.53 * engine.diameter_m, z - 0.15 * (z - low))
+    front, rear = -engine.front_m - 0.16 * engine.length_m, x - 0.45 * chord
+    middle = front - 0.02 * engine.length_m
+    sections = [((front, y, low), 0.72 * engine.length_m, 0.09), ((middle, y, crest), middle - rear, 0.06)]
+    sections.append(((x - 0.02 * chord, y, z), 0.5 * chord, 0.06))
+    return foil_loft(f"pylon_{name}{engine.suffix}", sections, _ACROSS, stations=6)

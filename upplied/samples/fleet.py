@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from upplied.errors import InputError
@@ -17,9 +17,7 @@ from upplied.samples.pilot import fly
 from upplied.samples.surfaces import Member, box
 
 #: The shape of each sample structure, by kind and id.
-SHAPES: dict[str, dict[str, Any]] = tomllib.loads(
-    resources.files("upplied.samples").joinpath("shapes.toml").read_text("utf-8")
-)
+SHAPES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("shapes.toml").read_text("utf-8"))
 _KINDS = {structure_id: kind for kind, shapes in SHAPES.items() for structure_id in shapes}
 _MAKERS: dict[str, tuple[Callable[[Any], Any], Callable[[Any, str], Member]]] = {
     "airliner": (AirlinerShape.of, airliner),
@@ -38,14 +36,9 @@ _SITES = {
 }
 # The demonstrations of the paper's tables.
 _FLIGHTS = (
-    ("a320-v1", "fuselage"),
-    ("a320-v1", "wings"),
-    ("a320-v1", "engine_left"),
-    ("turbine-1-v1", "tower"),
-    ("cruise-v1", "hull"),
-    ("cube-v1", "sides"),
-    ("bridge-1-v1", "piers"),
-)
+    ("a320-v1", "fuselage"), ("a320-v1", "wings"), ("a320-v1", "engine_left"), ("turbine-1-v1", "tower"),
+    ("cruise-v1", "hull"), ("cube-v1", "sides"), ("bridge-1-v1", "piers"),
+)  # fmt: skip
 
 
 def sample_demonstrations() -> list[Demonstration]:
@@ -65,10 +58,7 @@ def sample_structures() -> list[Structure]:
 def member(structure_id: str) -> Member:
     """A sample structure with its parts.
 
-    Raises
-    ------
-    InputError
-        If there is no sample of that id.
+    Raises InputError if there is no sample of that id.
     """
     if structure_id not in _KINDS:
         known = ", ".join(sorted(_KINDS))

@@ -5,8 +5,9 @@ A route is coarse: the simulated hand (`upplied.samples.pilot`) rounds it and ad
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
@@ -15,12 +16,10 @@ from scipy.spatial import cKDTree
 from upplied.errors import RefusedError
 from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Floats, Structure
-from upplied.samples.airframe import airframe, left_nacelle
-from upplied.samples.plan_view import Pier, offset_outline, surface_points, tower_of, two_piers
+from upplied.samples.airframe import airframe, left_nacelle, offset_outline, points_on, tower_of, two_piers
 
 
-@dataclass(frozen=True)
-class Route:
+class Route(NamedTuple):
     """Positions of the camera and the places it looks at, both (N, 3), m, structure frame."""
 
     positions: Floats
@@ -33,15 +32,11 @@ Inspection = Callable[[Structure, Scene, float], Route]  # of a structure, its s
 def route_of(structure: Structure, inspection: str, scene: Scene, ground_z: float) -> Route:
     """The route of an inspection round a structure.
 
-    Raises
-    ------
-    RefusedError
-        If the inspection is unknown, or the structure lacks the inspected part.
+    Raises RefusedError if the inspection is unknown, or the structure lacks the inspected part.
     """
     if inspection not in INSPECTIONS:
-        raise RefusedError(
-            f"inspection {inspection!r}", "is unknown", f"one of {', '.join(sorted(INSPECTIONS))}"
-        )
+        known = ", ".join(sorted(INSPECTIONS))
+        raise RefusedError(f"inspection {inspection!r}", "is unknown", f"one of {known}")
     return INSPECTIONS[inspection](structure, scene, ground_z)
 
 
@@ -63,15 +58,13 @@ def _about_the_middle(inspect: Inspection) -> Inspection:
 def _fuselage(structure: Structure, scene: Scene, ground_z: float) -> Route:
     """Aft along the left side, round the tail, and forward along the right side."""
     frame = airframe(structure, scene)
-    off = float(np.clip(2.6 * frame.half_width, 6.0, 9.0))
-    width = frame.half_width
+    width, off = frame.half_width, float(np.clip(2.6 * frame.half_width, 6.0, 9.0))
     body = np.array([[x, y] for x in (frame.tail_x, frame.nose_x) for y in (-width, width)])
     loop = offset_outline(body, off)
     turn = np.argmin(np.hypot(loop[:, 0] - frame.nose_x - off, loop[:, 1]))
     plan = np.roll(loop, -int(turn), axis=0)  # anticlockwise: the left side comes first
-    high = np.maximum(
-        frame.axis_z + 0.5 * frame.half_height, frame.height_near(plan[:, 0], plan[:, 1], 3.0) + 3.0
-    )
+    over = frame.height_near(plan[:, 0], plan[:, 1], 3.0) + 3.0
+    high = np.maximum(frame.axis_z + 0.5 * frame.half_height, over)
     height = _eased(np.maximum(high, ground_z + 2.5), reach=12)
     aim = np.clip(plan[:, 0], frame.tail_x + 0.12 * (frame.nose_x - frame.tail_x), frame.nose_x - 1.0)
     look = np.column_stack([aim, np.zeros(len(plan)), np.full(len(plan), frame.axis_z)])
@@ -101,8 +94,7 @@ def _engine_left(structure: Structure, scene: Scene, ground_z: float) -> Route:
     passes: list[Floats] = []
     for lift in (0.0, 0.45 * off):
         height = max(engine.centre[2] + lift, ground_z + 2)
-        arc = _open_arc(scene, middle, off + engine.length_m / 3, height)
-        if arc is not None:
+        if (arc := _open_arc(scene, middle, off + engine.length_m / 3, height)) is not None:
             passes.append(arc[::-1] if passes else arc)
     if not passes:
         raise RefusedError(structure.structure_id, "there is no room to fly round the left engine")
@@ -146,30 +138,25 @@ def _tower(structure: Structure, scene: Scene, ground_z: float) -> Route:
 
 def _hull(structure: Structure, scene: Scene, ground_z: float) -> Route:
     """Once round the ship at the height of its side, as the paper's flights almost in a plane."""
-    points = surface_points(structure)
+    points = points_on(structure)
     tall = float(np.ptp(points[:, 2]))
     height = ground_z + float(np.clip(0.2 * tall, 2.5, 9.0))
     side = points[points[:, 2] < ground_z + 0.35 * tall]
     off = float(np.clip(0.06 * np.ptp(points[:, 0]), 5.0, 12.0))
     loop = offset_outline(side[:, :2], off)
-    hull = offset_outline(side[:, :2], 0.0, step_m=0.25)
-    look = _nearest(hull, loop)
-    return Route(_level(loop, height), _level(look, ground_z + 0.12 * tall))
+    return Route(_level(loop, height), _level(_nearest(side, loop), ground_z + 0.12 * tall))
 
 
 def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
     """A U: along the left side, across the front, and back along the right side."""
-    points = surface_points(structure)
+    points = points_on(structure)
     tall = float(points[:, 2].max()) - ground_z
     off = float(np.clip(0.55 * tall, 5.0, 14.0))
     loop = offset_outline(points[:, :2], off)
-    rear = points[:, 0].min() + 0.5
-    ahead = loop[:, 0] > rear
     # The loop begins behind the building on the axis and goes round by the right, so the U is one piece.
-    plan = loop[ahead][::-1]
-    wall = offset_outline(points[:, :2], 0.0, step_m=0.25)
+    plan = loop[loop[:, 0] > points[:, 0].min() + 0.5][::-1]
     height = ground_z + 0.5 * tall
-    return Route(_level(plan, max(height, ground_z + 2.5)), _level(_nearest(wall, plan), height))
+    return Route(_level(plan, max(height, ground_z + 2.5)), _level(_nearest(points, plan), height))
 
 
 def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
@@ -177,30 +164,26 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
     one, two, low, high = two_piers(structure, scene)
     apart = two.centre[0] - one.centre[0]
     room = min(high - low, 0.6 * float(np.ptp(structure.vertices[:, 2])))
-    loops = [_figure(pier, side, apart) for pier, side in ((one, 1.0), (two, -1.0))]
-    plan = np.concatenate([loops[0], loops[1]])
-    best: tuple[float, float] | None = None
+    loops = [_figure(*pier, side, apart) for pier, side in ((one, 1.0), (two, -1.0))]
+    plan = np.concatenate(loops)
+    best, at = -np.inf, 0.0
     for share in (0.45, 0.38, 0.55, 0.3, 0.65, 0.75):
         height = max(low + share * room, ground_z + 2.5)
         clear = float(scene.distance(_level(plan, height)).min())
-        if best is None or clear > best[0] + 0.5:
-            best = (clear, height)
-    assert best is not None
-    if best[0] < 2.5:
-        raise RefusedError(
-            structure.structure_id, f"a figure 8 round the piers comes within {best[0]:.1f} m", "2.5 m free"
-        )
-    nearer = np.repeat([[*one.centre], [*two.centre]], [len(loops[0]), len(loops[1])], axis=0)
-    return Route(_level(plan, best[1]), _level(nearer, best[1]))
+        if clear > best + 0.5:
+            best, at = clear, height
+    if best < 2.5:
+        finding = f"a figure 8 round the piers comes within {best:.1f} m"
+        raise RefusedError(structure.structure_id, finding, "2.5 m free")
+    nearer = np.repeat([one.centre, two.centre], [len(loop) for loop in loops], axis=0)
+    return Route(_level(plan, at), _level(nearer, at))
 
 
-def _figure(pier: Pier, side: float, apart: float) -> Floats:
+def _figure(middle: Sequence[float], size: Sequence[float], side: float, apart: float) -> Floats:
     """One loop of the 8, from the crossing round a pier and back; `side` is 1 for the pier at smaller x."""
-    half = np.array(pier.half)
-    off = float(np.clip(0.5 * apart - half[0] - 2.0, 3.0, 6.0))
+    half, centre = np.array(size), np.array(middle)
+    radius = half + float(np.clip(0.5 * apart - half[0] - 2.0, 3.0, 6.0))
     angle = np.linspace(-0.72 * np.pi, 0.72 * np.pi, 80)
-    radius = half + off
-    centre = np.array(pier.centre)
     ring = centre + np.column_stack([-side * np.cos(angle), -np.sin(angle)]) * radius
     crossing = centre + np.array([side * apart / 2, 0.0])
     share = np.linspace(0, 1, 20)[:-1, None]
@@ -211,16 +194,17 @@ def _figure(pier: Pier, side: float, apart: float) -> Floats:
 
 def _eased(height: Floats, reach: int) -> Floats:
     """Heights that rise early enough, without steps."""
-    return np.asarray(
-        gaussian_filter1d(maximum_filter1d(height, 2 * reach + 1, mode="nearest"), reach / 2, mode="nearest")
-    )
+    highest = maximum_filter1d(height, 2 * reach + 1, mode="nearest")
+    return np.asarray(gaussian_filter1d(highest, reach / 2, mode="nearest"))
 
 
 def _level(plan: Floats, height: float) -> Floats:
     return np.column_stack([plan, np.full(len(plan), height)])
 
 
-def _nearest(outline: Floats, points: Floats) -> Floats:
+def _nearest(surface: Floats, points: Floats) -> Floats:
+    """The nearest places of a surface's outline."""
+    outline = offset_outline(surface[:, :2], 0.0, step_m=0.25)
     return np.asarray(outline[cKDTree(outline).query(points)[1]])
 
 

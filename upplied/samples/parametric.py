@@ -12,17 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.records import Floats
-from upplied.samples.surfaces import (
-    Member,
-    Part,
-    airfoil,
-    assemble,
-    block,
-    loft,
-    pillar,
-    revolve,
-    superellipse,
-)
+from upplied.samples.surfaces import Member, Part, airfoil, assemble, block, loft, revolve, superellipse
 
 
 @dataclass(frozen=True)
@@ -52,30 +42,31 @@ def ship(shape: ShipShape, structure_id: str) -> Member:
         floor += high
     parts.append(_mast(shape, floor))
     if shape.funnel is not None:
-        parts.append(_funnel(shape, floor))
-    parts += _lifeboats(shape)
+        parts.append(_funnel(shape.length_m, *shape.funnel, floor))
+    for side, name in ((1.0, "left"), (-1.0, "right")):
+        for number in range(shape.lifeboats):
+            x = shape.length_m * (-0.28 + 0.5 * number / max(shape.lifeboats - 1, 1))
+            middle, size = np.array([x, side * shape.beam_m * 0.5, shape.freeboard_m + 2.2]), (4.6, 1.3, 1.3)
+            parts.append(block(f"lifeboat_{name}_{number + 1}", middle - size, middle + size, 2))
     return assemble(structure_id, "ship", parts, "parametric ship, from the waterline up")
 
 
 def _hull(shape: ShipShape) -> Part:
     """Stations from the transom to the stem; each a keel-to-deck outline of fixed grid."""
     share = 1 - (1 - np.linspace(0, 1, 41)) ** 1.5
-    level = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.88, 1.0])
+    level, inner = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.88, 1.0]), np.array([0.66, 0.0, -0.66])
     deck_z = shape.freeboard_m + shape.sheer_m * np.clip((share - 0.45) / 0.55, 0, 1) ** 2
-    low_z = -shape.draught_m
     beam_deck = shape.beam_m / 2 * _plan(share, shape.fullness, 0.92)
     beam_low = shape.beam_m / 2 * (1 - shape.flare) * _plan(share, shape.fullness + 0.14, 0.84)
     rings = np.empty((len(share), 2 * len(level) + 6, 3))
     for row, at in enumerate(share):
         half = beam_low[row] + (beam_deck[row] - beam_low[row]) * level**1.4
-        z = low_z + level * (deck_z[row] - low_z)
+        z = -shape.draught_m + level * (deck_z[row] + shape.draught_m)
         shift = -shape.length_m / 2 + at * (shape.length_m - shape.rake_m * (1 - level**1.2))
-        inner = np.array([0.66, 0.0, -0.66])
         deck = np.column_stack([np.full(3, shift[-1]), inner * half[-1], np.full(3, z[-1])])
         keel = np.column_stack([np.full(3, shift[0]), -inner * half[0], np.full(3, z[0])])
-        left = np.column_stack([shift, half, z])
-        right = np.column_stack([shift, -half, z])[::-1]
-        rings[row] = np.concatenate([left, deck, right, keel])
+        left, right = np.column_stack([shift, half, z]), np.column_stack([shift, -half, z])
+        rings[row] = np.concatenate([left, deck, right[::-1], keel])
     return loft("hull", rings)
 
 
@@ -102,37 +93,24 @@ def _deck(
 
 def _mast(shape: ShipShape, floor: float) -> Part:
     share = float(np.mean(shape.decks[-1][:2]))
-    radius = 0.035 * shape.mast_m + 0.08
-    top = shape.mast_m
-    profile = np.array(
-        [(-0.3, 0.0), (-0.29, 1.6 * radius), (top / 2, radius), (top, 0.6 * radius), (top + 0.01, 0.0)]
-    )
+    radius, top = 0.035 * shape.mast_m + 0.08, shape.mast_m
+    rows = [(-0.3, 0.0), (-0.29, 1.6 * radius), (top / 2, radius), (top, 0.6 * radius), (top + 0.01, 0.0)]
     origin = np.array([shape.length_m * (share - 0.5), 0.0, floor])
-    return revolve("mast", profile, origin, np.array([0.0, 0.0, 1.0]), around=12)
+    return revolve("mast", np.array(rows), origin, np.array([0.0, 0.0, 1.0]), around=12)
 
 
-def _funnel(shape: ShipShape, floor: float) -> Part:
-    assert shape.funnel is not None
-    share, length, height = shape.funnel
+def _funnel(length_m: float, share: float, length: float, height: float, floor: float) -> Part:
     outline, up = superellipse(32, 2.6), np.linspace(0, 1, 6)[:, None]
     narrow = 1 - 0.2 * up
-    x = shape.length_m * (share - 0.5) - 0.3 * height * up + length / 2 * narrow * outline[:, 0]
+    x = length_m * (share - 0.5) - 0.3 * height * up + length / 2 * narrow * outline[:, 0]
     y = 0.3 * length * narrow * outline[:, 1]
     z = np.broadcast_to(floor - 0.2 + up * height, x.shape)
     return loft("funnel", np.stack([x, y, z], axis=-1))
 
 
-def _lifeboats(shape: ShipShape) -> list[Part]:
-    boats = []
-    for side, name in ((1.0, "left"), (-1.0, "right")):
-        for number in range(shape.lifeboats):
-            x = shape.length_m * (-0.28 + 0.5 * number / max(shape.lifeboats - 1, 1))
-            y = side * shape.beam_m * 0.5
-            z = shape.freeboard_m + 2.2
-            size = np.array([4.6, 1.3, 1.3])
-            low, high = np.array([x, y, z]) - size, np.array([x, y, z]) + size
-            boats.append(block(f"lifeboat_{name}_{number + 1}", low.tolist(), high.tolist(), 2))
-    return boats
+# Stations of a blade, shares of the rotor's radius; its chord, as a share of the widest, there.
+_BLADE = (0.03, 0.06, 0.09, 0.13, 0.18, 0.23, 0.3, 0.38, 0.47, 0.57, 0.67, 0.77, 0.86, 0.94, 0.985, 1)
+_CHORD = (0, 0.08, 0.22, 0.5, 0.9, 0.97, 1), (0.62, 0.62, 1, 0.66, 0.27, 0.18, 0.06)
 
 
 @dataclass(frozen=True)
@@ -156,44 +134,28 @@ def turbine(shape: TurbineShape, structure_id: str) -> Member:
     tilt = np.radians(shape.tilt_deg)
     axis = np.array([np.cos(tilt), 0.0, np.sin(tilt)])
     hub = np.array([shape.overhang_m, 0.0, shape.hub_height_m])
-    blades = [_blade(shape, hub, axis, number) for number in range(3)]
-    return assemble(
-        structure_id,
-        "wind_turbine",
-        [_tower(shape), _nacelle(shape, hub, axis), _hub(shape, hub, axis), *blades],
-        "parametric wind turbine",
-        landmarks=("hub",),
-    )
-
-
-def _tower(shape: TurbineShape) -> Part:
-    share = np.linspace(0, 1, 29)
-    foot, top = shape.tower_m
-    radius = (top + (foot - top) * (1 - share) ** shape.flare) / 2
-    height = shape.hub_height_m - 0.35 * shape.nacelle_m[2]
-    return pillar("tower", np.zeros(2), share * height, np.stack([radius, radius], 1), 2.0)
+    share, (foot, top) = np.linspace(0, 1, 29), shape.tower_m
+    half = (top + (foot - top) * (1 - share[:, None]) ** shape.flare) / 2
+    height, angle = shape.hub_height_m - 0.35 * shape.nacelle_m[2], np.linspace(0, np.pi, 13)
+    radius = 0.36 * shape.nacelle_m[2] + 0.1 * shape.chord_m
+    profile = np.stack([-np.cos(angle) * 1.15 * radius, np.sin(angle) * radius], axis=1)
+    parts = [_pillar("tower", np.zeros(2), share * height, half, 2.0, around=24)]
+    parts += [_nacelle(shape, hub, axis), revolve("hub", profile, hub, axis)]
+    parts += [_blade(shape, hub, axis, number) for number in range(3)]
+    return assemble(structure_id, "wind_turbine", parts, "parametric wind turbine", landmarks=("hub",))
 
 
 def _nacelle(shape: TurbineShape, hub: Floats, axis: Floats) -> Part:
     length, width, height = shape.nacelle_m
-    lift = np.array([-axis[2], 0.0, axis[0]])
+    lift, across = np.array([-axis[2], 0.0, axis[0]]), np.array([0.0, 1.0, 0.0])
     along = np.cos(np.linspace(0, np.pi, 17))[1:-1]
     swell = (1 - np.abs(along) ** (shape.nacelle_exponent + 1)) ** (1 / (shape.nacelle_exponent + 1))
     outline = superellipse(28, shape.nacelle_exponent)
     middle = hub - (length / 2 + 0.10 * length) * axis + 0.06 * height * lift
-    rings = (
-        (middle + along[:, None] * length / 2 * axis)[:, None]
-        + swell[:, None, None] * width / 2 * outline[None, :, :1] * np.array([0.0, 1.0, 0.0])
-        + swell[:, None, None] * height / 2 * outline[None, :, 1:] * lift
-    )
+    rings = (middle + along[:, None] * length / 2 * axis)[:, None]
+    rings = rings + swell[:, None, None] * width / 2 * outline[None, :, :1] * across
+    rings = rings + swell[:, None, None] * height / 2 * outline[None, :, 1:] * lift
     return loft("nacelle", rings, (middle + length / 2 * axis, middle - length / 2 * axis))
-
-
-def _hub(shape: TurbineShape, hub: Floats, axis: Floats) -> Part:
-    radius = 0.36 * shape.nacelle_m[2] + 0.1 * shape.chord_m
-    angle = np.linspace(0, np.pi, 13)
-    profile = np.stack([-np.cos(angle) * 1.15 * radius, np.sin(angle) * radius], axis=1)
-    return revolve("hub", profile, hub, axis)
 
 
 def _blade(shape: TurbineShape, hub: Floats, axis: Floats, number: int) -> Part:
@@ -202,27 +164,30 @@ def _blade(shape: TurbineShape, hub: Floats, axis: Floats, number: int) -> Part:
     lift = np.array([-axis[2], 0.0, axis[0]])
     out = np.cos(angle) * lift + np.sin(angle) * np.array([0.0, 1.0, 0.0])
     edge = np.cross(axis, out)  # the direction in which the blade turns
-    share = np.array(
-        [0.03, 0.06, 0.09, 0.13, 0.18, 0.23, 0.3, 0.38, 0.47, 0.57, 0.67, 0.77, 0.86, 0.94, 0.985, 1]
-    )
+    share = np.array(_BLADE)
     round_share = 1 - np.interp(share, (0.08, 0.22), (0.0, 1.0))
-    chord = shape.chord_m * np.interp(
-        share, (0, 0.08, 0.22, 0.5, 0.9, 0.97, 1), (0.62, 0.62, 1, 0.66, 0.27, 0.18, 0.06)
-    )
+    chord = shape.chord_m * np.interp(share, *_CHORD)
     thick = np.interp(share, (0.2, 0.5, 1.0), (0.34, 0.22, 0.15))
     twist = np.radians(np.interp(share, (0.1, 0.25, 0.6, 1.0), (16, 13, 3, 0)))
     foil = airfoil(12, 0.02)
     turn = 2 * np.pi * np.arange(len(foil)) / len(foil)
     circle = np.stack([0.5 + 0.5 * np.cos(turn), 0.5 * np.sin(turn)], axis=1)
     rings = np.empty((len(share), len(foil), 3))
-    for row in range(len(share)):
-        outline = round_share[row] * circle + (1 - round_share[row]) * foil * (1, thick[row])
-        outline = outline - (0.5 * round_share[row] + 0.3 * (1 - round_share[row]), 0)
-        aft = -np.cos(twist[row]) * edge - np.sin(twist[row]) * axis
-        wind = np.cos(twist[row]) * axis - np.sin(twist[row]) * edge
-        middle = hub + share[row] * shape.rotor_m / 2 * out
+    for row, (at, round_, angle) in enumerate(zip(share, round_share, twist, strict=True)):
+        outline = round_ * circle + (1 - round_) * foil * (1, thick[row])
+        outline = outline - (0.5 * round_ + 0.3 * (1 - round_), 0)
+        aft, wind = -np.cos(angle) * edge - np.sin(angle) * axis, np.cos(angle) * axis - np.sin(angle) * edge
+        middle = hub + at * shape.rotor_m / 2 * out
         rings[row] = middle + chord[row] * (outline[:, :1] * aft + outline[:, 1:] * wind)
     return loft(f"blade_{number + 1}", rings)
+
+
+def _pillar(name: str, base: Floats, levels: Floats, half: Floats, exponent: float, around: int) -> Part:
+    """An upright column round a base (2,), m: superellipses of half sizes (S, 2), m, at heights (S,), m."""
+    rings = np.empty((len(levels), around, 3))
+    rings[..., :2] = base + half[:, None] * superellipse(around, exponent)
+    rings[..., 2] = levels[:, None]
+    return loft(name, rings)
 
 
 @dataclass(frozen=True)
@@ -255,7 +220,7 @@ def bridge(shape: BridgeShape, structure_id: str) -> Member:
     for number in range(1, shape.piers + 1):
         x = shape.spacing_m * (number - (shape.piers + 1) / 2)
         parts += [
-            pillar(f"pier_{number}", np.array([x, 0.0]), level * low, pier, shape.pier_exponent, around=32),
+            _pillar(f"pier_{number}", np.array([x, 0.0]), level * low, pier, shape.pier_exponent, around=32),
             block(f"cap_{number}", (x - along, -across, low - 1.2), (x + along, across, low + 0.1), cells=3),
         ]
     wide, top = wide + 0.3, low + shape.deck_m / 2

@@ -7,7 +7,9 @@ always stays at its distance from the structure and from the ground, also betwee
 from __future__ import annotations
 
 import hashlib
+import re
 import zlib
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -33,71 +35,35 @@ _CLEARANCE_M, _ABOVE_GROUND_M = 2.1, 1.0  # of the whole path
 
 
 def fly(structure: Structure, inspection: str, seed: int = 0, camera: Camera | None = None) -> Demonstration:
-    """Demonstrate an inspection.
+    """Demonstrate an inspection of `samples.inspections.INSPECTIONS`; nose, bow, hub or road are along +X.
 
     The pilot knows only the surface: fuselage, wings, engine, tower or piers are located on it, so that real
-    meshes can be flown as well as the samples.
+    meshes can be flown as well as the samples. The same seed of the hand gives the same flight; the camera is
+    the paper's by default. The flight is named after structure and inspection, e.g. ``a320-fuselage-v1``. It
+    stays 2 m from the surface and 1 m from the ground.
 
-    Parameters
-    ----------
-    structure : Structure
-        In metres, Z up, nose, bow, hub or road along +X.
-    inspection : {"fuselage", "wings", "engine_left", "tower", "hull", "sides", "piers"}
-    seed : int
-        Of the hand; the same seed gives the same flight.
-    camera : Camera, optional
-        By default the paper's.
-
-    Returns
-    -------
-    Demonstration
-        Named after structure and inspection, e.g. ``a320-fuselage-v1``. The whole path stays 2 m from
-        the surface and 1 m from the ground.
-
-    Raises
-    ------
-    RefusedError
-        If the structure lacks the inspected part, or there is no room to fly.
+    Raises RefusedError if the structure lacks the inspected part, or there is no room to fly.
     """
-    scene = scene_of(structure)
-    floor = structure.floor_z_m
-    name = _named(structure.structure_id, inspection)
+    scene, floor = scene_of(structure), structure.floor_z_m
+    stem = re.sub(r"-v\d+$", "", structure.structure_id)
+    version = structure.structure_id[len(stem) :]
+    name = f"{stem}-{inspection.replace('_', '-')}{version}"[:64]
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     flown = _flown(route_of(structure, inspection, scene, floor), scene, floor, rng)
     quats = normalised(flown.quat_xyzw)
+    poses = np.round(np.column_stack([flown.positions, quats]) * 1e7).astype("<i8")  # its identity, to 1e-7
     jitter = rng.integers(-1_500_000, 1_500_000, len(flown))
     start = _FIRST_DAY_NS + (seed % 1000) * _HOUR_NS
     return Demonstration(
-        demonstration_id=name,
-        structure_id=structure.structure_id,
-        t_ns=start + np.round(flown.t_s * 1e9).astype(np.int64) + jitter,
-        positions=flown.positions,
-        quat_xyzw=quats,
-        camera=camera or Camera(width_px=1440, height_px=1440),
-        operator="simulated pilot",
-        site=structure.site,
-        sha256=_hash(flown.positions, quats),
-        clock="header",
+        demonstration_id=name, structure_id=structure.structure_id, site=structure.site,
+        t_ns=start + np.round(flown.t_s * 1e9).astype(np.int64) + jitter, clock="header",
+        positions=flown.positions, quat_xyzw=quats, sha256=hashlib.sha256(poses.tobytes()).hexdigest(),
+        camera=camera or Camera(width_px=1440, height_px=1440), operator="simulated pilot",
         notes=f"{inspection.replace('_', ' ')} inspection, simulated",
-    )
-
-
-def _hash(positions: Floats, quats: Floats) -> str:
-    """Identity of a flight that was never logged: its poses, to 1e-7."""
-    poses = np.round(np.column_stack([positions, quats]) * 1e7).astype("<i8")
-    return hashlib.sha256(poses.tobytes()).hexdigest()
-
-
-def _named(structure_id: str, inspection: str) -> str:
-    stem, dash, version = structure_id.rpartition("-")
-    word = inspection.replace("_", "-")
-    if dash and version[:1] == "v" and version[1:].isdigit():
-        return f"{stem}-{word}-{version}"[:64]
-    return f"{structure_id}-{word}"[:64]
+    )  # fmt: skip
 
 
 def _flown(route: Route, scene: Scene, ground_z: float, rng: np.random.Generator) -> Trajectory:
-    """A route as a person would fly it."""
     positions, look = _rounded(route)
     floor = ground_z + _ABOVE_GROUND_M
     positions = pushed_clear(positions, scene, _CLEARANCE_M + 0.9, floor)
@@ -116,11 +82,8 @@ def _rounded(route: Route) -> tuple[Floats, Floats]:
     along = arc_length(route.positions)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / _STEP_M), 2))
     positions, look = (interpolated(wanted, along, each) for each in (route.positions, route.look))
-    return _soft(positions, 1.2 / _STEP_M), _soft(look, 2.0 / _STEP_M)
-
-
-def _soft(places: Floats, sigma: float) -> Floats:
-    return np.column_stack([gaussian_filter1d(axis, sigma, mode="nearest") for axis in places.T])
+    softened = partial(gaussian_filter1d, axis=0, mode="nearest")
+    return softened(positions, 1.2 / _STEP_M), softened(look, 2.0 / _STEP_M)
 
 
 def _pace(length_m: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -132,8 +95,7 @@ def _pace(length_m: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     share = np.clip(np.exp(_UNEVENNESS * wobble - _UNEVENNESS**2 / 2), 0.4, 1.5)
     plan = np.cumsum(speed * share * dt)
     stops = np.sort(rng.uniform(0.08, 0.92, _PAUSES)) * length_m
-    hold = np.ones(count)
-    added = 0
+    hold, added = np.ones(count), 0
     for stop in stops:
         at = int(np.searchsorted(plan, stop)) + added
         pause = int(rng.uniform(*_PAUSE_S) / dt)
@@ -162,8 +124,7 @@ def _gimbal(positions: Floats, aim: Floats, rng: np.random.Generator) -> Floats:
     pitch = np.arctan2(ray[:, 2], np.hypot(ray[:, 0], ray[:, 1]))
     wanted = np.column_stack([yaw, np.clip(pitch, -np.pi / 2, np.pi / 6)])
     gain = 1 - np.exp(-1 / (_RATE_HZ * _GIMBAL_LAG_S))
-    followed = np.empty_like(wanted)
-    followed[0] = wanted[0]
+    followed = wanted.copy()
     for row in range(1, len(wanted)):
         followed[row] = followed[row - 1] + gain * (wanted[row] - followed[row - 1])
     noise = np.column_stack([_coloured(len(aim), 0.8 * _RATE_HZ, rng) for _ in range(2)])
@@ -177,38 +138,26 @@ def pushed_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: f
     Distances change by at most the way flown, so that between two poses a m apart, at distances b
     and c, nothing comes nearer than (b + c - a) / 2: that bound is used.
 
-    Raises
-    ------
-    RefusedError
-        If pushing does not help: the route leads through a gap that is too narrow.
+    Raises RefusedError if pushing does not help: the route leads through a gap that is too narrow.
     """
     path = positions.copy()
     for round_ in range(80):
         path[:, 2] = np.maximum(path[:, 2], floor_z)
-        closest, _ = scene.closest(path)
-        away = path - closest
+        away = path - scene.closest(path)[0]
         distance = np.linalg.norm(away, axis=1)
-        lacking = _lacking(path, distance, clearance_m)
-        if not (lacking > 0).any():
+        # Missing clearance of each pose, and of its two segments.
+        between = clearance_m - (distance[:-1] + distance[1:] - leg_lengths(path)) / 2
+        lacking = clearance_m - distance
+        lacking[:-1] = np.maximum(lacking[:-1], between)
+        lacking[1:] = np.maximum(lacking[1:], between)
+        near = (lacking > 0)[:, None]
+        if not near.any():
             return path
         direction = away / np.maximum(distance, 1e-9)[:, None]
-        push = (lacking + 0.02)[:, None] * direction * (lacking > 0)[:, None]
+        push = (lacking + 0.02)[:, None] * direction * near
         width = 2 + 6 * (round_ % 3)
         soft = gaussian_filter1d(push, width, axis=0, mode="nearest") * min(width, 3)
-        path = path + np.where((lacking > 0)[:, None], push, 0) + np.where((lacking > 0)[:, None], 0, soft)
+        path = path + np.where(near, push, soft)
     place = path[int(np.argmax(lacking))].round(1)
-    raise RefusedError(
-        "flight",
-        f"comes within {distance.min():.1f} m of the structure at {place}",
-        f"{clearance_m:g} m free",
-    )
-
-
-def _lacking(path: Floats, distance: Floats, clearance_m: float) -> Floats:
-    """Missing clearance of each pose, with half of that of its two segments."""
-    step = leg_lengths(path)
-    between = clearance_m - (distance[:-1] + distance[1:] - step) / 2
-    lacking = clearance_m - distance
-    lacking[:-1] = np.maximum(lacking[:-1], between)
-    lacking[1:] = np.maximum(lacking[1:], between)
-    return np.asarray(lacking)
+    finding = f"comes within {distance.min():.1f} m of the structure at {place}"
+    raise RefusedError("flight", finding, f"{clearance_m:g} m free")

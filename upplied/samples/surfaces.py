@@ -1,7 +1,7 @@
 """Lofts, surfaces of revolution, airfoils and boxes: closed parts with outward normals.
 
-Every primitive has a fixed grid, so that the same part of two members of a kind has the same
-triangles in the same order, and a point of the one has a known counterpart on the other.
+Every primitive has a fixed grid: the same part of two members of a kind has the same triangles in the same
+order, and a point of the one has a known counterpart on the other.
 """
 
 from __future__ import annotations
@@ -51,21 +51,14 @@ def assemble(
 ) -> Member:
     """The member that consists of these parts and stands on ground (or water) at z = 0.
 
-    Parameters
-    ----------
-    landmarks : sequence of str
-        First letters of the names of parts whose middles become landmarks.
+    The middles of parts whose names begin with one of `landmarks` become landmarks.
     """
-    whole = joined(structure_id, parts)
+    whole, surroundings = joined(structure_id, parts), Surroundings(ground_z_m=0.0)
+    middles = {part.name: part.middle for part in parts if part.name.startswith(tuple(landmarks))}
     structure = Structure(
-        structure_id=structure_id,
-        kind=kind,
-        vertices=whole.vertices,
-        triangles=whole.triangles,
-        surroundings=Surroundings(ground_z_m=0.0),
-        landmarks={part.name: part.middle for part in parts if part.name.startswith(tuple(landmarks))},
-        notes=notes,
-    )
+        structure_id=structure_id, kind=kind, vertices=whole.vertices, triangles=whole.triangles,
+        surroundings=surroundings, landmarks=middles, notes=notes,
+    )  # fmt: skip
     owner = np.repeat(np.arange(len(parts)), [len(part.triangles) for part in parts])
     return Member(stamped(structure), tuple(part.name for part in parts), owner)
 
@@ -90,15 +83,9 @@ def joined(name: str, parts: Sequence[Part]) -> Part:
 
 
 def loft(name: str, rings: Floats, tips: tuple[Floats, Floats] | None = None) -> Part:
-    """A tube through closed rings, closed at both ends.
+    """A tube through rings (S, K, 3), m, of K points in one order around, closed at both ends.
 
-    Parameters
-    ----------
-    name : str
-    rings : array, shape (S, K, 3), m
-        S sections of K points each, in the same order around.
-    tips : two arrays, shape (3,), m, optional
-        Tips of the end caps; by default the middles of the first and the last ring.
+    The end caps have their tips (3,), m, in the middles of the first and the last ring, or as given.
     """
     sections, around, _ = rings.shape
     first, last = tips if tips is not None else (rings[0].mean(axis=0), rings[-1].mean(axis=0))
@@ -110,40 +97,25 @@ def loft(name: str, rings: Floats, tips: tuple[Floats, Floats] | None = None) ->
     end = (sections - 1) * around
     front = np.stack([np.full(around, sections * around), following, ring], axis=1)
     back = np.stack([np.full(around, sections * around + 1), end + ring, end + following], axis=1)
-    return outward(Part(name, vertices, np.concatenate([walls, front, back])))
-
-
-def outward(part: Part) -> Part:
-    """The closed part with its normals to the outside."""
-    a, b, c = (part.vertices[part.triangles[:, corner]] for corner in range(3))
-    volume = np.einsum("ij,ij->i", a - part.vertices[0], np.cross(b - a, c - a)).sum()
-    return part if volume >= 0 else Part(part.name, part.vertices, part.triangles[:, ::-1])
+    triangles = np.concatenate([walls, front, back])
+    one, two, three = (vertices[triangles[:, corner]] for corner in range(3))
+    volume = np.einsum("ij,ij->i", one - vertices[0], np.cross(two - one, three - one)).sum()
+    return Part(name, vertices, triangles if volume >= 0 else triangles[:, ::-1])  # normals to the outside
 
 
 def revolve(name: str, profile: Floats, origin: Floats, axis: Floats, around: int = 24) -> Part:
-    """A surface of revolution that starts and ends on its axis.
+    """A surface of revolution about the axis (3,), of unit length, through the origin (3,), m.
 
-    Parameters
-    ----------
-    profile : array, shape (P, 2), m
-        Distance along the axis and radius; the first and last radius are 0.
-    origin, axis : array, shape (3,)
-        A point of the axis, m, and its unit direction.
+    The profile (P, 2), m, is distances along the axis and radii; the first and last radius are 0.
     """
-    side, other = frame_across(axis)
-    angle = 2 * np.pi * np.arange(around) / around
+    other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    side = np.cross(other, axis)
+    side /= np.linalg.norm(side)
+    other, angle = np.cross(axis, side), 2 * np.pi * np.arange(around) / around
     circle = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other
     stations = origin + profile[:, :1] * axis
     rings = stations[1:-1, None] + profile[1:-1, 1, None, None] * circle
     return loft(name, rings, (stations[0], stations[-1]))
-
-
-def frame_across(axis: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors across an axis; the first is level where the axis is not upright."""
-    other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    side = np.cross(other, axis)
-    side /= np.linalg.norm(side)
-    return side, np.cross(axis, side)
 
 
 def airfoil(half: int = 12, camber: float = 0.015) -> Floats:
@@ -153,49 +125,28 @@ def airfoil(half: int = 12, camber: float = 0.015) -> Floats:
     closed trailing edge of 0.1036 for the last coefficient).
     """
     aft = (1 - np.cos(np.pi * np.arange(half + 1) / half)) / 2
-    thickness = 5 * (
-        0.2969 * np.sqrt(aft) - 0.126 * aft - 0.3516 * aft**2 + 0.2843 * aft**3 - 0.1036 * aft**4
-    )
+    thick = 5 * (0.2969 * np.sqrt(aft) - 0.126 * aft - 0.3516 * aft**2 + 0.2843 * aft**3 - 0.1036 * aft**4)
     mean = camber * 4 * aft * (1 - aft) / 0.12
-    upper = np.stack([aft, mean + thickness], axis=1)
-    lower = np.stack([aft, mean - thickness], axis=1)
+    upper = np.stack([aft, mean + thick], axis=1)
+    lower = np.stack([aft, mean - thick], axis=1)
     return np.concatenate([upper[::-1], lower[1:-1]])
 
 
-@dataclass(frozen=True)
-class Section:
-    """One airfoil of a lifting surface."""
-
-    leading: tuple[float, float, float]  # leading edge, m
-    chord_m: float
-    thickness: float  # share of the chord
+# One airfoil of a lifting surface: its leading edge, m, chord, m, and thickness as a share of the chord.
+Section = tuple[tuple[float, float, float], float, float]
 
 
-def lifting_surface(
-    name: str, sections: Sequence[Section], up: tuple[float, float, float], stations: int = 12
-) -> Part:
+def foil_loft(name: str, sections: list[Section], up: tuple[float, float, float], stations: int = 12) -> Part:
     """A wing, fin or pylon through airfoils whose chords run aft (-x) and whose thickness runs along `up`."""
-    corners = np.array([[*section.leading, section.chord_m, section.thickness] for section in sections])
-    travelled = arc_length(corners[:, :3])
-    wanted = _with_corners(travelled, stations)
+    corners = np.array([[*leading, chord_m, thickness] for leading, chord_m, thickness in sections])
+    travelled, pieces = arc_length(corners[:, :3]), len(sections) - 1
+    each = max(1, stations // pieces)  # every corner is a station
+    wanted = np.interp(np.arange(each * pieces + 1) / each, np.arange(pieces + 1), travelled)
     table = interpolated(wanted, travelled, corners)
     shape = airfoil(camber=0.0 if abs(up[2]) < 0.5 else 0.015)
-    aft = np.array([-1.0, 0.0, 0.0])
-    chord = table[:, 3, None, None]
-    rings = (
-        table[:, None, :3]
-        + chord * shape[:, :1] * aft
-        + chord * table[:, 4, None, None] * shape[:, 1:] * np.array(up)
-    )
-    return loft(name, rings)
-
-
-def _with_corners(travelled: Floats, stations: int) -> Floats:
-    """About `stations` distances along the corners, with every corner among them."""
-    pieces = len(travelled) - 1
-    each = max(1, stations // pieces)
-    steps = np.arange(each * pieces + 1) / each
-    return np.interp(steps, np.arange(pieces + 1), travelled)
+    chord, thickness = table[:, 3, None, None], table[:, 4, None, None]
+    rings = table[:, None, :3] + chord * shape[:, :1] * np.array([-1.0, 0.0, 0.0])
+    return loft(name, rings + chord * thickness * shape[:, 1:] * np.array(up))
 
 
 def superellipse(around: int, exponent: float) -> Floats:
@@ -206,66 +157,31 @@ def superellipse(around: int, exponent: float) -> Floats:
     return np.stack([radius * cosine, radius * sine], axis=1)
 
 
-def pillar(name: str, base: Floats, levels: Floats, half: Floats, exponent: float, around: int = 24) -> Part:
-    """An upright column of superellipses.
-
-    Parameters
-    ----------
-    base : array, shape (2,), m
-        Its middle in x and y.
-    levels : array, shape (S,), m
-        Heights of its sections, rising.
-    half : array, shape (S, 2), m
-        Half sizes along x and y at each.
-    """
-    outline = superellipse(around, exponent)
-    rings = np.empty((len(levels), around, 3))
-    rings[..., :2] = base + half[:, None] * outline
-    rings[..., 2] = levels[:, None]
-    return loft(name, rings)
-
-
-def box_face(name: str, corner: Floats, along: Floats, across: Floats, cells: int) -> Part:
-    """A flat rectangle of cells x cells squares, its normal along `along` x `across`."""
-    step = np.arange(cells + 1) / cells
-    grid = corner + step[:, None, None] * along + step[None, :, None] * across
-    i, j = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
-    a = i * (cells + 1) + j
-    b = a + cells + 1
-    triangles = np.stack([a, b, b + 1, a, b + 1, a + 1], axis=-1).reshape(-1, 3)
-    return Part(name, grid.reshape(-1, 3), triangles)
-
-
-def block(name: str, low: Sequence[float], high: Sequence[float], cells: int = 4) -> Part:
+def block(name: str, low: Sequence[float] | Floats, high: Sequence[float] | Floats, cells: int) -> Part:
     """A closed box between two corners, m."""
     return joined(name, box_faces(low, high, cells))
 
 
-def box_faces(low: Sequence[float], high: Sequence[float], cells: int) -> list[Part]:
-    """The six faces of a box as parts of their own: front (+x), back, left (+y), right, top, bottom."""
+def box_faces(low: Sequence[float] | Floats, high: Sequence[float] | Floats, cells: int) -> list[Part]:
+    """The six faces of a box, of cells x cells squares: front (+x), back, left (+y), right, top, bottom."""
     lo, hi = np.asarray(low, float), np.asarray(high, float)
     x, y, z = np.diag(hi - lo)
-    return [
-        box_face("front", lo + x, y, z, cells),
-        box_face("back", lo, z, y, cells),
-        box_face("left", lo + y, z, x, cells),
-        box_face("right", lo, x, z, cells),
-        box_face("top", lo + z, x, y, cells),
-        box_face("bottom", lo, y, x, cells),
-    ]
+    i, j = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
+    a, step = i * (cells + 1) + j, np.arange(cells + 1) / cells
+    b = a + cells + 1
+    triangles = np.stack([a, b, b + 1, a, b + 1, a + 1], axis=-1).reshape(-1, 3)
+    # A corner and the two sides from there, whose cross product leads outwards.
+    sides = {"front": (lo + x, y, z), "back": (lo, z, y), "left": (lo + y, z, x), "right": (lo, x, z)}
+    sides |= {"top": (lo + z, x, y), "bottom": (lo, y, x)}
+    faces = []
+    for name, (corner, along, across) in sides.items():
+        grid = corner + step[:, None, None] * along + step[None, :, None] * across
+        faces.append(Part(name, grid.reshape(-1, 3), triangles))
+    return faces
 
 
 def box(size_m: tuple[float, float, float], structure_id: str) -> Member:
-    """A box of the size of a building (length along X, width, height); its base has its middle on the origin.
-
-    Every face is a part of its own.
-    """
+    """A box of length along X, width and height, m, its base round the origin; every face is a part."""
     length, width, height = size_m
     faces = box_faces((-length / 2, -width / 2, 0.0), (length / 2, width / 2, height), cells=12)
     return assemble(structure_id, "box", faces, "box")
-
-
-def smoothstep(value: Floats, start: float, stop: float) -> Floats:
-    """0 before `start`, 1 after `stop`, smooth between."""
-    t = np.clip((value - start) / (stop - start), 0, 1)
-    return t * t * (3 - 2 * t)

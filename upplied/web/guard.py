@@ -1,11 +1,8 @@
 """The guard of every server, for requests and the headers of answers, and the login of our pages.
 
-A page of another site can make a browser of this machine send requests to loopback. Requests under another
-name than the server's own, or from another site's page, are therefore refused before they are read.
-
-The login takes a password and gives a cookie and a token. The cookie allows reading. Browsers send cookies to
-every port of a machine, so it allows no change: changes need a token, which only pages of this port have, as
-long as their tab is open.
+A page of another site can make a browser send requests to loopback: those under another name than the
+server's own, or from another site's page, are refused unread. The login's cookie allows reading alone, since
+browsers send it to every port of a machine: changes need a token, which only open pages of this port have.
 """
 
 from __future__ import annotations
@@ -53,15 +50,8 @@ OWN_HEADERS = _HEADERS | {
 class Guard:
     """ASGI middleware that refuses requests under another name and from pages of another site.
 
-    Parameters
-    ----------
-    app : ASGI application
-    names : collection of str
-        Allowed names in the ``Host`` of requests.
-    port : int, optional
-        Required port in it, if there is no proxy before the server.
-    own : bool
-        For our pages: their policy is strict, and requests must come from one of them.
+    `names` and `port` as for `refusal`. With `own`, for our pages, the policy is strict, and requests must
+    come from one of them.
     """
 
     def __init__(
@@ -103,14 +93,7 @@ class Guard:
 def refusal(headers: Sequence[tuple[bytes, bytes]], names: Collection[str], port: int | None = None) -> str:
     """Why a request is refused by its ``Host`` and ``Origin``; empty if it is not.
 
-    Parameters
-    ----------
-    headers : sequence of (bytes, bytes)
-        As in ASGI.
-    names : collection of str
-        Names of the server.
-    port : int, optional
-        Required port, if there is no proxy (perhaps with TLS) before the server.
+    `names` are those of the server; `port` is required in the ``Host`` if there is no proxy before it.
     """
     values = Headers(raw=list(headers)).getlist
     host = values("host")[0].lower() if len(values("host")) == 1 else ""
@@ -124,8 +107,7 @@ def refusal(headers: Sequence[tuple[bytes, bytes]], names: Collection[str], port
 def foreign_page(headers: Sequence[tuple[bytes, bytes]], method: str) -> str:
     """Why a request is refused by the headers of its page's origin; empty if it is not.
 
-    Links on other pages may be followed: such a request only reads, is visible in the address bar, and
-    carries no cookie of ours.
+    Links on other pages may be followed: such a request only reads, visibly, and carries no cookie of ours.
     """
     values = Headers(raw=list(headers)).getlist
     if all(each in ("none", "same-origin") for each in values("sec-fetch-site")):
@@ -135,7 +117,6 @@ def foreign_page(headers: Sequence[tuple[bytes, bytes]], method: str) -> str:
 
 
 def allowed_names() -> frozenset[str]:
-    """The names of this machine's loopback, and those that the environment declares."""
     named = os.environ.get(HOSTS, "").split(",")
     return frozenset(LOOPBACK) | {name.strip().lower() for name in named if name.strip()}
 
@@ -159,24 +140,20 @@ class Login:
         self._name = f"upplied_{secrets.token_hex(4)}"  # two servers of one machine share their cookies
 
     def accepts(self, password: object) -> bool:
-        """Whether this is the password, with or without its name."""
         if not isinstance(password, str):
             return False
         known = (self._password, self._password.partition(":")[2] or self._password)
         return any(_equal(password, each) for each in known)
 
     def may_read(self, request: Request) -> bool:
-        """Whether a request comes from somebody who signed in."""
         cookie = request.cookies.get(self._name, "")
         return _equal(cookie, self._cookie) or self.may_change(request) or self.accepts(_basic(request))
 
     def may_change(self, request: Request) -> bool:
-        """Whether a request comes from a page of ours on which somebody signed in."""
         scheme, _, token = request.headers.get("Authorization", "").partition(" ")
         return scheme == "Bearer" and _equal(token, self.token)
 
     def give_cookie(self, answer: Response) -> Response:
-        """An answer with the cookie that lets a browser read."""
         answer.set_cookie(self._name, self._cookie, httponly=True, samesite="strict", path="/")
         return answer
 

@@ -29,8 +29,7 @@ from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
 from upplied.outputs.site import ENDINGS
 from upplied.web.guard import LOOPBACK, Guard, Login
-from upplied.web.live import LivePages, warm
-from upplied.web.requests import Decisions
+from upplied.web.live import Decisions, LivePages, warm
 from upplied.web.session import Sessions
 
 HOST = "127.0.0.1"
@@ -43,8 +42,6 @@ _SHOWN = {"brief": ("inline", "text/html")}  # missions that a browser shows rat
 
 
 class Web:
-    """The application of a catalog's pages, to be put behind a guard."""
-
     def __init__(self, catalog: Catalog, login: Login) -> None:
         self.login, self.catalog = login, catalog
         self.live, self.sessions, self.decisions = LivePages(catalog), Sessions(catalog), Decisions(catalog)
@@ -62,7 +59,6 @@ class Web:
         self.app = Starlette(routes=routes, exception_handlers=_HANDLERS)
 
     async def sign_in(self, request: Request) -> Response:
-        """The cookie for a browser and the token for its page, in exchange for the password."""
         given = await _json(request)
         if not self.login.accepts(given.get("password")):
             await asyncio.sleep(_WRONG_S)
@@ -70,7 +66,6 @@ class Web:
         return self.login.give_cookie(JSONResponse({"token": self.login.token}))
 
     async def asset(self, request: Request) -> Response:
-        """A file of the package."""
         name = request.path_params["name"]
         if name not in self.assets:
             raise HTTPException(404, "This page does not exist.")
@@ -78,7 +73,6 @@ class Web:
         return Response(self.assets[name], media_type=kind, headers=_FRESH)
 
     async def page(self, request: Request) -> Response:
-        """A page for a signed-in person, or the page for signing in."""
         room, name = request.path_params.get("room", ""), request.path_params.get("name", "index.html")
         stem, dot, ending = name.rpartition(".")
         if room == "studio":
@@ -94,7 +88,6 @@ class Web:
         return Response(content, media_type=_TYPES[dot + ending])
 
     async def mission(self, request: Request) -> Response:
-        """A mission as a file, through the gate."""
         if not self.login.may_read(request):
             return HTMLResponse(pages.login_page(), 401)
         plan, kind = request.path_params["plan"], request.path_params["kind"]
@@ -104,11 +97,9 @@ class Web:
         return Response(content, media_type=media_type, headers=headers)
 
     async def studio(self, request: Request) -> Response:
-        """A request of the studio's page, and its answer."""
         return await self._answer(request, partial(self.sessions.answer, **request.path_params))
 
     async def decide(self, request: Request) -> Response:
-        """A decision about a plan: reviewed, released or rejected."""
         return await self._answer(request, self.decisions.decide)
 
     async def _answer(self, request: Request, act: Callable[[Mapping[str, Any]], dict[str, Any]]) -> Response:
@@ -151,7 +142,6 @@ async def _refused(request: Request, error: Exception) -> Response:
 
 
 async def _fault(request: Request, error: Exception) -> Response:
-    """A fault of the program, without its insides."""
     return JSONResponse({"refused": "The program failed. Its log says more."}, 500)
 
 
@@ -159,26 +149,11 @@ _HANDLERS = {HTTPException: _refused, UppliedError: _refused, Exception: _fault}
 
 
 class Server:
-    """A server of a catalog's pages.
+    """A server of a catalog's pages at host and port (0: any free one; an `OSError` if it is taken).
 
-    Parameters
-    ----------
-    catalog : Catalog
-    port : int
-        0: any free port.
-    host : str
-        Address to bind.
-    login : Login, optional
-        Of the service; by default one of this run, whose token is in `address`.
-    names : frozenset of str, optional
-        Allowed names in requests; by default those of this machine, with this port.
-    bound : int
-        An open file that is bound to the port, instead of host and port.
-
-    Raises
-    ------
-    OSError
-        If the port is taken.
+    `login` is that of the service, by default one of this run, whose token is in `address`; `names` are
+    allowed in requests, by default those of this machine, with this port; `bound` is an open file that is
+    bound to the port, instead of host and port.
     """
 
     def __init__(
@@ -210,7 +185,6 @@ class Server:
 
     @contextmanager
     def running(self) -> Iterator[Server]:
-        """Answer as long as the block lasts."""
         thread = threading.Thread(target=self.run, daemon=True)
         thread.start()
         try:

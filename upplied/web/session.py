@@ -14,7 +14,7 @@ from upplied.catalog import Catalog
 from upplied.checks import pair_name
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
-from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
+from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row, words_of
 from upplied.fleet.flights import place_breaches
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
@@ -26,7 +26,7 @@ from upplied.outputs.verdicts import headline
 from upplied.proof.carried_edit import stored_edit
 from upplied.proof.edit import AirspaceLimits, Edit
 from upplied.records import Ints
-from upplied.web.requests import Decisions, ZoneRequests, signed
+from upplied.web.live import Decisions, ZoneRequests, signed
 
 _MOST_BASES = 50  # replanned versions in memory, to which a page can return
 _MOST_OPEN = 8  # plans; of more, the least recently used is closed
@@ -34,8 +34,6 @@ _DIFFERENCES = LABELS["differences"]
 
 
 class Sessions:
-    """The plans that are open in the studio, by their ids."""
-
     def __init__(self, catalog: Catalog) -> None:
         self._lock, self._stages = threading.Lock(), dict[str, str]()
         self._session = lru_cache(_MOST_OPEN)(partial(self._opened, catalog))
@@ -44,13 +42,7 @@ class Sessions:
         return Session(catalog, plan, partial(self._stages.__setitem__, plan))
 
     def answer(self, request: Mapping[str, Any], plan: str, what: str) -> dict[str, Any]:
-        """The answer to a request about a plan.
-
-        Raises
-        ------
-        UppliedError
-            If the plan cannot be opened.
-        """
+        """The answer to a request about a plan; an `UppliedError` if it cannot be opened."""
         if what == "progress":
             return {"stage": self._stages.get(plan, "Opening the plan")}
         with self._lock:
@@ -75,6 +67,7 @@ class Session:
         stage("Drawing the structure")
         self._reader = Reader(catalog)
         self._mesh = self._reader.display_mesh(self.editing.target)
+        self._structure = structure_data(self.editing.target, self._mesh)
         self._origin = np.array(self._structure["origin"])
         self._near: Ints | None = None
         self.zones = ZoneRequests(catalog, self.editing, self._origin)
@@ -98,17 +91,13 @@ class Session:
             except UppliedError as error:
                 return {"refused": str(error)}
 
-    @cached_property
-    def _structure(self) -> dict[str, Any]:
-        return structure_data(self.editing.target, self._mesh)
-
     def _plan(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The initial content of the page: the plan with its stored measures."""
         row, camera = self.editing.recipe.row, self.editing.recipe.demonstration.camera
         rows = self.catalog.transfers(every=True, structure=row["target_id"])
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
         plan, placement = self.editing.stored.plan, self.editing.target.placement
-        path = flown_path(plan)[0]
+        path, scene, force = flown_path(plan)[0], self.editing.scene, self._force_row
+        ahead = None if force is None else self.catalog.plan(force["transfer_id"]).trajectory
         clearance_m = self.editing.clearance_m(AirspaceLimits())
         broken = place_breaches(path, self.editing.target, plan.supposed, clearance_m)
         judged = JudgedEdit(plan, tuple(broken), plan.not_flyable)
@@ -124,15 +113,14 @@ class Session:
             "usual_m": clearance_m,
             "declared_boxes": self.editing.target.surroundings.keep_out_m.tolist(),
             "viewpoints": self._rows(self.editing.stored),
-            "in_force": self._in_force(),
+            "in_force": None if ahead is None else path_data(profile(ahead, scene), self._origin),
             **self._shown(judged, Edit(), AirspaceLimits(), self.editing.stored),
         }
 
     def _replan(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The other viewpoints planned again in the airspace of the request, with the fixed ones put back."""
         base, edit, airspace = self._read(request)
-        held = dict(edit.changed)
-        fixed = request.get("fixed", [])
+        held, fixed = dict(edit.changed), request.get("fixed", [])
         for at in fixed if isinstance(fixed, list) else []:
             if isinstance(at, int) and 0 <= at < len(base.viewpoints) and at not in edit.deleted:
                 held.setdefault(at, base.viewpoints[at])
@@ -145,13 +133,9 @@ class Session:
         rows = self._rows(replanned)
         for at, viewpoint in again.changed.items():
             rows[at] = viewpoint_row(at, viewpoint)
-        answer = self._judged(replanned, again, airspace)
-        return answer | {
-            "base": len(self._bases) - 1,
-            "viewpoints": rows,
-            "deleted": list(again.deleted),
-            "fixed": sorted(again.changed),
-        }
+        fixed_again = {"deleted": list(again.deleted), "fixed": sorted(again.changed)}
+        answer = self._judged(replanned, again, airspace) | fixed_again
+        return answer | {"base": len(self._bases) - 1, "viewpoints": rows}
 
     def _keep(self, request: Mapping[str, Any]) -> dict[str, Any]:
         base, edit, airspace = self._read(request)
@@ -170,7 +154,6 @@ class Session:
         return answer
 
     def _aim(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The place on the surface in the middle of a viewpoint's picture; None if there is none."""
         base, edit, _ = self._read(request)
         at = request.get("viewpoint")
         if not isinstance(at, int) or not 0 <= at < len(base.viewpoints):
@@ -181,8 +164,6 @@ class Session:
         reach = float(self.editing.scene.cast(origin, axis)[0][0])
         place = (origin + reach * axis)[0].round(3).tolist() if np.isfinite(reach) else None
         return {"place": place}
-
-    # --- parts of the answers ------------------------------------------------------------------
 
     def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, AirspaceLimits]:
         at = request.get("base", 0)
@@ -198,9 +179,7 @@ class Session:
         return answer | {name: round(value, 3) for name, value in took.items()}
 
     def _shown(self, judged: JudgedEdit, edit: Edit, airspace: AirspaceLimits, base: Base) -> dict[str, Any]:
-        """A judged plan as the page draws it, with its verdict in words."""
-        path, _ = flown_path(judged.plan)
-        measures = vars(judged.plan.measures)
+        path, measures = flown_path(judged.plan)[0], vars(judged.plan.measures)
         standoff = {"standoff_mode": self.editing.recipe.row.get("standoff_mode")}
         faults = [*judged.broken, *([judged.short] if judged.short else [])]
         return {
@@ -213,16 +192,13 @@ class Session:
                 "look": [sentence(each) for each in (*faults, *judged.plan.warnings)],
             },
             "differences": self._differences(measures),
-            "words": ", ".join(
-                filter(None, (edit.words, airspace.words, "planned again" if base.airspace else ""))
-            ),
+            "words": words_of(edit, airspace, base),
         }
 
     def _differences(self, measures: Mapping[str, Any]) -> list[str]:
-        """Differences from the plan in force, and from the plan as it was opened, in words."""
         sentences = []
-        others = (("the plan in force", self._force_row), ("the plan as opened", self.editing.recipe.row))
-        for name, row in others:
+        others = {"the plan in force": self._force_row, "the plan as opened": self.editing.recipe.row}
+        for name, row in others.items():
             if row is None:
                 continue
             parts = []
@@ -234,8 +210,7 @@ class Session:
         return sentences
 
     def _states(self, judged: JudgedEdit) -> dict[str, str] | None:
-        surface = judged.plan.surface
-        if surface is None:
+        if (surface := judged.plan.surface) is None:
             return None
         if self._near is None:
             self._near = nearest_samples(self._mesh, surface)
@@ -252,9 +227,3 @@ class Session:
         if same.empty or same.iloc[-1]["transfer_id"] == row["transfer_id"]:
             return None
         return {str(name): value for name, value in same.iloc[-1].items()}
-
-    def _in_force(self) -> dict[str, Any] | None:
-        """The path of the plan in force, if it is another plan."""
-        row = self._force_row
-        path = None if row is None else self.catalog.plan(row["transfer_id"]).trajectory
-        return None if path is None else path_data(profile(path, self.editing.scene), self._origin)

@@ -16,9 +16,16 @@ from upplied.errors import RefusedError
 from upplied.geometry.poses import look_at
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import Ways, route, safe_positions
-from upplied.planning.airspace.push import _kernel, pushed_out
 from upplied.planning.airspace.roadmap import roadmap, tightened, way, way_towards
-from upplied.planning.airspace.rules import Airspace, crosses_box, crosses_fence, inside_fence, path_clearance
+from upplied.planning.airspace.rules import (
+    Airspace,
+    _kernel,
+    crosses_box,
+    crosses_fence,
+    inside_fence,
+    path_clearance,
+    pushed_out,
+)
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Structure, Surroundings, Waypoints
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from upplied.geometry.scene import Scene
-from upplied.planning.airspace.push import pushed_out
-from upplied.planning.airspace.rules import Airspace, inside_fence
+from upplied.planning.airspace.rules import Airspace, inside_fence, pushed_out
 from upplied.records import Floats, Frame, Surroundings
 
 CLEARANCE, BEYOND, INSIDE = 2.0, 0.02, 0.05

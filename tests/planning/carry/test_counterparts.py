@@ -15,8 +15,7 @@ from upplied.geometry.scene import scene_of
 from upplied.planning.carry.counterparts import counterparts_of, doubts, undecided
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
-from upplied.planning.surface.parts import labels_of
-from upplied.planning.surface.pieces import mesh_pieces
+from upplied.planning.surface.parts import labels_of, mesh_pieces
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 

@@ -26,7 +26,7 @@ from upplied.planning.carry.counterparts import (
     counterparts_of,
     doubts,
 )
-from upplied.planning.carry.missing_parts import missing_of
+from upplied.planning.carry.forecast import missing_of
 from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import NOTHING_MISSING, NeverScanned

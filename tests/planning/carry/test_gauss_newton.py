@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from upplied.config import RefineSettings
-from upplied.planning.carry.published import _solve, gauss_newton
+from upplied.planning.carry.affine import _solve, gauss_newton
 from upplied.records import Cloud, Correspondences, Viewpoints
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from made_clouds import boxes
 
-from upplied.planning.carry.missing_parts import odd_number
+from upplied.planning.carry.forecast import odd_number
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.label_transfer import unnamed_like
 from upplied.planning.demonstration.repetition import Take

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.geometry.frechet import curve_spread, frechet, spread
-from upplied.planning.geometry.free_space import suffices
+from upplied.planning.geometry.frechet import curve_spread, frechet, spread, suffices
 
 
 def within_leash(first: np.ndarray, second: np.ndarray, leash: float) -> bool:

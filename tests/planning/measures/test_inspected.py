@@ -14,8 +14,15 @@ from upplied.geometry.poses import interpolate, look_at
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.constants import FACING
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
-from upplied.planning.measures.fidelity import Compared, bent_rad, fidelity, order_kept, turned_rad
-from upplied.planning.measures.measure import inspected_measures, shown_of
+from upplied.planning.measures.fidelity import (
+    Compared,
+    bent_rad,
+    fidelity,
+    inspected_measures,
+    order_kept,
+    shown_of,
+    turned_rad,
+)
 from upplied.planning.visibility.observations import TRULY, moments, rates, stations, views
 from upplied.records import Bools, Floats, Trajectory
 from upplied.samples.pilot import fly

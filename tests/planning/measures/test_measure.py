@@ -10,7 +10,8 @@ import pytest
 from upplied.geometry.poses import interpolate, look_at
 from upplied.geometry.scene import Scene
 from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
-from upplied.planning.measures.measure import Shown, measure, path_length, peaks, surface_states
+from upplied.planning.measures.evaluate import measure, path_length, peaks
+from upplied.planning.measures.fidelity import Shown, surface_states
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, stations, views
 from upplied.records import Camera, Cloud, Correspondences, Floats, Trajectory
 

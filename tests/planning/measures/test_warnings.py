@@ -11,7 +11,7 @@ import pytest
 from upplied.config import settings_for
 from upplied.geometry.scene import open3d, scene_of
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.measures.evaluate import _warnings
+from upplied.planning.measures.verdict import of_surface
 from upplied.records import Measures, Structure
 
 
@@ -39,5 +39,5 @@ def test_what_is_said_of_the_surface(reconstructed: Structure, stated: dict[str,
     scene, settings = scene_of(target, 1), settings_for("recommended")
     found = replace(Measures(), surface_error_m=scene.error_m, min_clearance_m=9.0)
     seen = cast(InspectedSurface, type("Seen", (), {"without_pct": 0.0}))
-    warnings = list(_warnings(found, seen, target, scene, settings))
+    warnings = list(of_surface(found, seen, target, scene, settings))
     assert [said in each for each in warnings] == ([True] if said else [])

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.surface.parts import blades, blades_of, labels_of, names_of, parts_of, sides
-from upplied.planning.surface.pieces import mesh_pieces, part_labels
+from upplied.planning.surface.parts import (
+    blades,
+    blades_of,
+    labels_of,
+    mesh_pieces,
+    names_of,
+    part_labels,
+    parts_of,
+    sides,
+)
 from upplied.records import Cloud, Floats, Ints, Structure
 
 

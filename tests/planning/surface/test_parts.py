@@ -10,8 +10,7 @@ from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.naming import place_of
 from upplied.planning.correspondence.part_alignment import aligned_parts
 from upplied.planning.correspondence.part_assignment import match_parts
-from upplied.planning.surface.parts import labels_of, parts_of
-from upplied.planning.surface.pieces import mesh_pieces, part_labels
+from upplied.planning.surface.parts import labels_of, mesh_pieces, part_labels, parts_of
 from upplied.records import Cloud, Structure
 
 DIAGONAL = 100.0

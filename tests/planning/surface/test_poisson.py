@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.surface.thinning import shares, thin
+from upplied.planning.surface.lattice import shares, thin
 from upplied.records import Floats
 
 

@@ -10,8 +10,8 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from upplied.config import CloudSettings
 from upplied.geometry.scene import scene_of
+from upplied.planning.surface.lattice import shares, thin
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Cloud, Structure
 
 SETTINGS = CloudSettings(surface_samples=1500)

@@ -5,7 +5,7 @@ import pytest
 
 from upplied.config import CloudSettings
 from upplied.geometry.vectors import points_on_triangles
-from upplied.planning.surface.thinning import voxel_cloud, voxel_filter
+from upplied.planning.surface.lattice import voxel_cloud, voxel_filter
 from upplied.records import Structure
 
 

@@ -19,7 +19,7 @@ from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Cloud, Surroundings
-from upplied.records.required import RequiredSurface
+from upplied.records.plans import RequiredSurface
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 

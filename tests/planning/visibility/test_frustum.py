@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import VisibilitySettings
 from upplied.geometry.poses import look_at, matrices
-from upplied.planning.visibility.frustum import facing_normals, in_view, limits_of
+from upplied.planning.visibility.line_of_sight import facing_normals, in_view, limits_of
 from upplied.records import Bools, Camera, Cloud, Floats
 
 TRUE = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)

@@ -15,8 +15,7 @@ from upplied.errors import SettingsError
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.visibility import line_of_sight as visibility
-from upplied.planning.visibility.frustum import Closeness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import Closeness, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Structure
 
 FRUSTUM = VisibilitySettings()

@@ -35,13 +35,18 @@ _MAX_BYTES = 4 << 30  # of one decoded array: a broken file must not make us all
 def encode(record: Any, name: str = "") -> bytes:
     """The bytes of a Parquet file, under a name that they carry; equal records and names, equal bytes."""
     plain, arrays = _parts(record)
-    metadata = {b"record": plain.encode(), b"sha256": content_sha256(plain, arrays).encode()}
-    metadata[_FILE_SHA256] = _UNKNOWN
+    sha256 = content_sha256(plain, arrays).encode()
+    metadata = {b"record": plain.encode(), b"sha256": sha256, _FILE_SHA256: _UNKNOWN}
     if name:
         metadata[b"name"] = name.encode()
     schema_fields, columns = list[pa.Field](), list[pa.Array]()
     for name, array in arrays.items():
-        columns.append(column := _column(array))
+        flat = np.ascontiguousarray(array).reshape(-1)
+        if array.dtype.kind == "b":
+            column = pa.array([np.packbits(flat).tobytes()], pa.large_binary())
+        else:
+            column = pa.LargeListArray.from_arrays(pa.array([0, len(flat)], pa.int64()), pa.array(flat))
+        columns.append(column)
         form = {"shape": json.dumps(array.shape), "dtype": array.dtype.str}
         schema_fields.append(pa.field(name, column.type, metadata=form))
     table = pa.table(columns, schema=pa.schema(schema_fields, metadata=metadata))
@@ -164,14 +169,6 @@ _hints = lru_cache(maxsize=64)(get_type_hints)
 
 def _little_endian(array: Array) -> Array:
     return array.astype(array.dtype.newbyteorder("<"), copy=False)
-
-
-def _column(array: Array) -> pa.Array:
-    flat = np.ascontiguousarray(array).reshape(-1)
-    if array.dtype.kind == "b":
-        return pa.array([np.packbits(flat).tobytes()], pa.large_binary())
-    values = pa.array(flat)
-    return pa.LargeListArray.from_arrays(pa.array([0, len(flat)], pa.int64()), values)
 
 
 def _array(column: pa.ChunkedArray, field: pa.Field) -> Array:

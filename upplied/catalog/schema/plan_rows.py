@@ -27,8 +27,6 @@ PROVENANCE = (
 )  # fmt: skip
 ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
 
-_ORIGINS = np.array(ORIGINS, object)
-_OF_PLAN = same_named(Plan, "transfers")
 #: Texts of a plan that are in its row as they are.
 _TEXTS = (
     "demonstration_id", "source_id", "target_id", "kind", "preset", "status", "reason", "counterpart_summary",
@@ -53,8 +51,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     """The row of `transfers`, without the commit that adds it.
 
     `key` is the hash of all that the plan depends on. The provenance has any of `PROVENANCE`: `settings`
-    (else those of the preset), `planned_at` (else now), `siblings` by id and hash; another name is a
-    `CatalogError`.
+    (else those of the preset), `planned_at` (else now), `siblings` by id and hash; others are refused.
     """
     unknown = sorted(set(provenance) - set(PROVENANCE))
     if unknown:
@@ -62,7 +59,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         raise CatalogError(f"provenance of {key}", f"has {', '.join(unknown)}", known)
     about = dict(provenance)
     settings: Settings = about.pop("settings", None) or settings_for(plan.preset)
-    siblings = [list(one) for one in about.pop("siblings", ())]
+    siblings, gsd_m = [list(one) for one in about.pop("siblings", ())], settings.transfer.gsd_m
     registration, path = plan.registration, plan.trajectory
     icp, fit, waypoints_sha256 = dict[str, Any](), "", ""
     if path is not None:
@@ -77,9 +74,9 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         **about,
         "transfer_id": transfer_id(key),
         "key": key,
-        **{name: getattr(plan, name) for name in _OF_PLAN},
+        **{name: getattr(plan, name) for name in same_named(Plan, "transfers")},
         **_values(plan.measures),
-        "standoff_mode": standoff_mode(settings),
+        "standoff_mode": settings.transfer.standoff if gsd_m is None else f"gsd {1e3 * gsd_m:g} mm",
         "n_viewpoints": plan.n_viewpoints,
         "n_waypoints": 0 if path is None else len(path),
         **icp,
@@ -95,13 +92,14 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
 
 def waypoint_table(plans: Mapping[str, Plan]) -> pa.Table:
     """The rows of `waypoints` of plans by their ids, those that have a trajectory, without their commit."""
-    paths, columns = [], dict[str, list[Any]]((name, []) for name in ("t_s", "is_viewpoint", "origin"))
+    paths, origins = [], np.array(ORIGINS, object)
+    columns = dict[str, list[Any]]((name, []) for name in ("t_s", "is_viewpoint", "origin"))
     for name, plan in plans.items():
         if (path := plan.trajectory) is not None:
             paths.append((name, path))
             columns["t_s"].append(np.asarray(path.t_s, float))
             columns["is_viewpoint"].append(_viewpoint_flags(plan, path))
-            added = np.full(len(path), None) if plan.added is None else _ORIGINS[plan.added.astype(int)]
+            added = np.full(len(path), None) if plan.added is None else origins[plan.added.astype(int)]
             columns["origin"].append(added)
     return step_table(TABLES["waypoints"], paths, columns)
 
@@ -137,27 +135,13 @@ def trajectory_of(waypoints: pa.Table) -> Trajectory:
     return Trajectory(np.array(waypoints["t_s"]), *pose_arrays(waypoints), zoom_of(waypoints))
 
 
-def standoff_mode(settings: Settings) -> str:
-    """How near a plan is to show what the demonstration showed, in a word or two.
-
-    Examples
-    --------
-    >>> standoff_mode(settings_for("recommended", transfer={"gsd_m": 0.004}))
-    'gsd 4 mm'
-    """
-    gsd_m = settings.transfer.gsd_m
-    return settings.transfer.standoff if gsd_m is None else f"gsd {1e3 * gsd_m:g} mm"
-
-
 def _values(record: Any) -> dict[str, Any]:
     """The fields of a record, without the deep copies of `asdict`."""
-    known = vars(record)
-    return {name: known[name] for name in record.__dataclass_fields__}
+    return {name: getattr(record, name) for name in record.__dataclass_fields__}
 
 
 def _viewpoint_flags(plan: Plan, path: Trajectory) -> Bools:
-    flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
-    return np.asarray(flags, bool)
+    return np.asarray(np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint, bool)
 
 
 def _json_value(value: Any) -> Any:

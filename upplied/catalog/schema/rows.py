@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import TABLES, Table
 from upplied.geometry.polylines import leg_lengths
-from upplied.records import Camera, Demonstration, Lens, Placement, Record, Structure, Surroundings
+from upplied.records import Camera, Demonstration, Lens, Placement, Structure, Surroundings
 
 Row = dict[str, Any]
 
@@ -26,6 +26,7 @@ PASSPORT = (
 _PLACES = {"keep_out_m": (-1, 2, 3), "geofence_m": (-1, 2), "rally_m": (-1, 3)}  # of surroundings: shapes
 _OPTICS = ("exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")  # null where they are not known
 _JSON = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+json_text = _JSON.encode  # the one JSON text of a value
 #: Of a row: when and by which commit it was added.
 ADDED = ("version", "added_at", "commit_id", "commit_version", "row_sha256")
 
@@ -35,23 +36,16 @@ def same_named(record: Any, table: str) -> list[str]:
     return [field.name for field in fields(record) if field.name in TABLES[table].names]
 
 
-def _columns(record: Record, table: str) -> Row:
-    return {name: getattr(record, name) for name in same_named(record, table)}
-
-
-# --- structures --------------------------------------------------------------------------------
-
-
 def structure_row(structure: Structure, mesh_sha256: str) -> Row:
     """The row of `structures`, without the moment and commit that add it."""
     size = np.ptp(structure.vertices, axis=0)
     around = structure.surroundings
     verdicts = json.loads(structure.verdicts_json or "[]")
-    surroundings: Row = {name: getattr(around, name) for name in ("ground_z_m", "ceiling_z_m")}
+    surroundings: Row = {"ground_z_m": around.ground_z_m, "ceiling_z_m": around.ceiling_z_m}
     for name in ("keep_out_m", "geofence_m", *(["rally_m"] if len(around.rally_m) else [])):
         surroundings[name] = np.asarray(getattr(around, name), float).tolist()
     return {
-        **_columns(structure, "structures"),
+        **{name: getattr(structure, name) for name in same_named(structure, "structures")},
         "mesh_sha256": mesh_sha256,
         "n_vertices": len(structure.vertices),
         "n_triangles": len(structure.triangles),
@@ -90,16 +84,13 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
     return Structure(vertices=mesh.vertices, triangles=mesh.triangles, normals=mesh.normals, **values)
 
 
-# --- demonstrations ----------------------------------------------------------------------------
-
-
 def demonstration_row(demonstration: Demonstration) -> Row:
     """The row of `demonstrations`, without the moment and commit that add it."""
     steps, lens = leg_lengths(demonstration.positions), demonstration.camera.lens
     steps[demonstration.breaks - 1] = 0.0
     poses = demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw
     return {
-        **_columns(demonstration, "demonstrations"),
+        **{name: getattr(demonstration, name) for name in same_named(demonstration, "demonstrations")},
         "poses_sha256": poses_sha256(*poses, fov_deg=demonstration.fov_deg),
         "n_poses": len(demonstration),
         "duration_s": float(demonstration.t_ns[-1] - demonstration.t_ns[0]) * 1e-9,
@@ -116,7 +107,6 @@ def demonstration_row(demonstration: Demonstration) -> Row:
 
 
 def _passport_columns(passport: Mapping[str, Any]) -> Row:
-    """What is often asked of a passport, and all of it as JSON; empty where there is none."""
     if not passport:
         return {"verdict": "", "passport_json": ""}
     measured = passport["measured"]
@@ -161,18 +151,13 @@ def camera_of(row: Row) -> Camera:
     return Camera(**{name: value for name, value in known.items() if value is not None and value == value})
 
 
-# --- all of them -------------------------------------------------------------------------------
-
-
 def table_of(table: Table, rows: list[Row]) -> pa.Table:
     """Rows as an Arrow table in the declared schema; NaN and absent numbers are null, texts empty."""
     columns = []
-    for column in table.columns:
-        empty = "" if pa.types.is_string(column.type) else None
-        values = pa.array([row.get(column.name, empty) for row in rows], column.type)
-        if pa.types.is_floating(column.type):
-            values = pc.if_else(pc.is_nan(values), None, values)
-        columns.append(values)
+    for name, kind in zip(table.names, table.schema.types, strict=True):
+        empty = "" if pa.types.is_string(kind) else None
+        values = pa.array([row.get(name, empty) for row in rows], kind)
+        columns.append(pc.if_else(pc.is_nan(values), None, values) if pa.types.is_floating(kind) else values)
     return pa.table(columns, schema=table.schema)
 
 
@@ -180,8 +165,3 @@ def says_same(table: Table, stored: Row, given: Row) -> bool:
     """Whether a row says the same as a stored one, apart from when and by which commit it was added."""
     left, right = (table_of(table, [row]).drop_columns(list(ADDED)) for row in (stored, given))
     return bool(left.equals(right))
-
-
-def json_text(value: Any) -> str:
-    """The one JSON text of a value."""
-    return _JSON.encode(value)

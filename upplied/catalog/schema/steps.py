@@ -14,19 +14,17 @@ from upplied.catalog.schema.tables import TABLES, Table
 from upplied.errors import CatalogError
 from upplied.records import Bools, Demonstration, Floats, Ints, Trajectory
 
+Stated = Mapping[tuple[str, str], tuple[int, str]]  # owner and commit -> count and hash of its steps
+
 POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _ZOOM = ("hfov_deg", "vfov_deg")
+ORIGINS = ("demonstrated", "added")
 
 
 def step_table(
-    table: Table,
-    paths: Sequence[tuple[str, Trajectory | Demonstration]],
-    columns: Mapping[str, Sequence[Any]],
+    table: Table, paths: Sequence[tuple[str, Trajectory | Demonstration]], columns: Mapping[str, list[Any]]
 ) -> pa.Table:
-    """Rows of a table of steps without their commit: paths with their owners' ids, and more columns of each.
-
-    Fields of view are those of a camera that zooms, else null.
-    """
+    """Rows of a table of steps, but for their commit: paths with their owners' ids, and more columns."""
     if not paths:
         return table.schema.empty_table()
     names, flown = zip(*paths, strict=True)
@@ -51,9 +49,6 @@ def zoom_of(steps: pa.Table) -> Floats | None:
         return None
     angles = np.column_stack([steps[name].to_numpy(zero_copy_only=False) for name in _ZOOM]).astype(float)
     return None if np.isnan(angles).all() else angles
-
-
-ORIGINS = ("demonstrated", "added")
 
 
 def added_of(steps: pa.Table) -> Bools | None:
@@ -95,16 +90,11 @@ def _bytes(values: Any) -> tuple[memoryview, int]:
     return little.reshape(-1).view(np.uint8).data, little.nbytes // max(len(little), 1)
 
 
-def unlike(
-    name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]
-) -> Iterator[tuple[str, str]]:
-    """Owners whose ordered steps (`poses` or `waypoints`) are not those their rows say, and what is wrong.
-
-    `stated` is how many the row of each owner (id and commit) says, and their hash.
-    """
-    key = TABLES[name].names[0]
-    starts = run_starts(steps, (key, "commit_id"))
-    firsts = steps.select([key, "commit_id"]).take(pa.array(starts))
+def unlike(name: str, steps: pa.Table, stated: Stated) -> Iterator[tuple[str, str]]:
+    """Owners whose ordered steps (`poses` or `waypoints`) are not of the count and hash `stated`, and why."""
+    key = [TABLES[name].names[0], "commit_id"]
+    starts = run_starts(steps, key)
+    firsts = steps.select(key).take(pa.array(starts))
     names = list(zip(*(column.to_pylist() for column in firsts.columns), strict=True))
     stops = np.append(starts[1:], len(steps))
     there = dict(zip(names, (stops - starts).tolist(), strict=True))
@@ -129,8 +119,7 @@ def unlike(
     if "origin" in steps.column_names:  # of each owner by itself: plans of other presets store no origin
         added = np.asarray(pc.equal(steps["origin"], ORIGINS[1]).combine_chunks().fill_null(False))
         hashed.append((*_bytes(added), np.logical_or.reduceat(added, starts).tolist()))
-    begins, ends = starts.tolist(), stops.tolist()
-    for at, owner in enumerate(names):
+    for at, (owner, first, end) in enumerate(zip(names, starts.tolist(), stops.tolist(), strict=True)):
         if owner in miscounted:
             continue
         if misnumbered[at]:
@@ -138,13 +127,12 @@ def unlike(
         elif unordered[at]:
             yield owner[0], "time does not increase"
         else:
-            first, end = begins[at], ends[at]
             content = b"".join([part[first * n : end * n] for part, n, counts in hashed if counts[at]])
             if hashlib.sha256(content).hexdigest() != stated[owner][1]:
                 yield owner[0], "the steps do not match the hash in their row"
 
 
-def checked(name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]) -> pa.Table:
+def checked(name: str, steps: pa.Table, stated: Stated) -> pa.Table:
     """Ordered steps; where they are `unlike` what the rows of their owners say, an error."""
     for owner, wrong in unlike(name, steps, stated):
         remedy = "take the damaged files (upplied catalog verify) from a backup; nothing was written"
@@ -152,7 +140,7 @@ def checked(name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[i
     return steps
 
 
-def run_starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
+def run_starts(rows: pa.Table, names: Sequence[str]) -> Ints:
     """Where one of these texts is another one than in the row before: rows of one owner lie together."""
     if not len(rows):
         return np.empty(0, np.int64)

@@ -3,23 +3,19 @@
 Stored tables, published Parquet, checks and ``catalog/README.md`` (by ``python -m`` with this module) follow
 from there. A row without a type is the column of that name as the last table above has it.
 
-A table's schema version is one of its properties. Columns may be added without raising it: an older program
-keeps what it does not know, and reads past it. It is raised where an older program would go wrong, which
-then refuses in words. A newer program reads older tables as they are and raises their version with its
-first row.
+A table's schema version is one of its properties, raised with the first row of a program whose rows an older
+one would misread, which then refuses; newer ones read older tables as they are. Columns may be added alike.
 
 - 1 (0.1.0): rows stood in the order of their writers' clocks.
 - 2: rows stand in the order of commits (`commit_version`; -1 in a row of version 1, and among those the
   clocks count as before), and `transfers.added_at` tells when a plan was added, not when it was planned.
 - 3: rows carry a hash (`row_sha256`), and those of tables that belong to one place follow each other
-  (`before_sha256`): the first that does follows the hash of all that came before there were hashes.
-  The steps of a commit are a file (`upplied.catalog.store.delta`); those of earlier commits stay in tables.
+  (`before_sha256`; the first one all of before). The steps of a commit are a file (`catalog.store.delta`).
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -28,14 +24,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-TYPES = {
-    "text": pa.string(),
-    "real": pa.float64(),
-    "whole": pa.int64(),
-    "truth": pa.bool_(),
-    "moment": pa.timestamp("us", tz="UTC"),
-}
-MOMENT = TYPES["moment"]
+TYPES = {"text": pa.string(), "real": pa.float64(), "whole": pa.int64(), "truth": pa.bool_()}
+MOMENT = TYPES["moment"] = pa.timestamp("us", tz="UTC")
+_WORDS = dict(zip(TYPES.values(), ("text", "float64", "int64", "bool", "time, UTC, us"), strict=True))
 #: Hash of a row, and that of the row before it in a table whose rows follow each other.
 ROW_SHA256, BEFORE_SHA256 = "row_sha256", "before_sha256"
 
@@ -59,10 +50,8 @@ class Column:
         parts = ["required"] if self.required else []
         if self.allowed:
             parts.append("one of " + ", ".join(self.allowed))
-        if self.low is not None and self.high is not None:
-            parts.append(f"{self.low:g} to {self.high:g}")
-        elif self.low is not None:
-            parts.append(f"at least {self.low:g}")
+        if self.low is not None:
+            parts.append(f"at least {self.low:g}" if self.high is None else f"{self.low:g} to {self.high:g}")
         return ", ".join(parts)
 
 
@@ -104,28 +93,19 @@ def _rows(name: str) -> csv.DictReader[str]:
     return csv.DictReader(files(__package__).joinpath(name).read_text(encoding="utf-8").splitlines())
 
 
-def _columns() -> dict[str, list[Column]]:
-    """The columns of each table, in order."""
-    tables: dict[str, list[Column]] = {}
-    last: dict[str, Column] = {}
+def _declared() -> dict[str, Table]:
+    tables, columns, last = dict[str, Table](), dict[str, list[Column]](), dict[str, Column]()
     for row in _rows("columns.csv"):
         name, allowed = row["column"], tuple(row["allowed"].split("|")) if row["allowed"] else ()
         low, high = (float(bound) if bound else None for bound in (row["low"], row["high"]))
         if row["type"]:
             required, kind = row["required"] == "yes", TYPES[row["type"]]
             last[name] = Column(name, kind, row["unit"], row["meaning"], required, allowed, low, high)
-        tables.setdefault(row["table"], []).append(last[name])
+        columns.setdefault(row["table"], []).append(last[name])
+    for row in _rows("tables.csv"):
+        name, key, order = row["table"], tuple(row["key"].split()), tuple(row["order"].split())
+        tables[name] = Table(name, row["meaning"], key, tuple(columns[name]), order)
     return tables
-
-
-def _declared() -> dict[str, Table]:
-    columns = _columns()
-    return {
-        (name := row["table"]): Table(
-            name, row["meaning"], tuple(row["key"].split()), tuple(columns[name]), tuple(row["order"].split())
-        )
-        for row in _rows("tables.csv")
-    }
 
 
 TABLES = _declared()
@@ -133,20 +113,11 @@ TABLES = _declared()
 STEPS = {"waypoints": "transfers", "poses": "demonstrations"}
 SCHEMA_VERSION = 3
 
-_FROM_BEFORE = -1  # the commit of rows of schema version 1
-_NEEDS = {"added_at": "planned_at"}  # column -> the one it is taken from where it is missing
-
 
 def needed(table: Table, columns: list[str]) -> list[str]:
-    """These columns, and those that they are filled from in older rows."""
-    more = [_NEEDS[name] for name in columns if _NEEDS.get(name) in table.names]
+    """These columns, and the one that `added_at` is filled from in older rows."""
+    more = ["planned_at"] if "added_at" in columns and "planned_at" in table.names else []
     return list(dict.fromkeys([*columns, *more]))
-
-
-def missing(table: Table, names: Collection[str]) -> list[str]:
-    """Columns without which rows are of no schema that there ever was."""
-    filled = {"commit_version", *_NEEDS}
-    return [c.name for c in table.columns if c.required and c.name not in {*names, *filled}]
 
 
 def upgraded(table: Table, rows: pa.Table) -> pa.Table:
@@ -156,7 +127,7 @@ def upgraded(table: Table, rows: pa.Table) -> pa.Table:
         if not column.null_count:
             continue
         if field.name == "commit_version":
-            column = column.fill_null(_FROM_BEFORE)
+            column = column.fill_null(-1)  # of schema version 1
         elif field.name == "added_at" and "planned_at" in rows.schema.names:
             column = pc.coalesce(column, rows["planned_at"])
         elif pa.types.is_string(field.type):
@@ -183,16 +154,10 @@ def data_dictionary() -> str:
     for table in TABLES.values():
         parts.append(f"## {table.name}\n\n{table.meaning[0].upper()}{table.meaning[1:]}.\n")
         parts.append("| column | type | unit | meaning | constraint |\n|---|---|---|---|---|")
-        parts += [
-            f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |"
-            for c in table.columns
-        ]
+        for c in table.columns:
+            parts.append(f"| `{c.name}` | {_WORDS[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |")
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
-
-
-_NAMES = {"text": "text", "real": "float64", "whole": "int64", "truth": "bool", "moment": "time, UTC, us"}
-_TYPES = {TYPES[word]: name for word, name in _NAMES.items()}
 
 
 if __name__ == "__main__":

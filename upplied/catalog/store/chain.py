@@ -1,11 +1,8 @@
 """Data files, written before a commit names them, whose rows carry hashes; and hashes of a log's entries.
 
-A row has that of its own content and, in the tables of one place, of the row before it.
-
-Fields by name and value, the same on every machine; null and empty ones count for nothing, so columns that
-came later leave older hashes as they are. Who noted the last hash (`head_of`) can tell that no row was
-changed since. Of a log each entry states the hashes that none before it states, the newest `identity.Heads`.
-(Of two writers who commit on the same version the next one states both. Checkpoints count as entries.)
+A row has that of its own content and, in the tables of one place, of the row before it: who noted the last
+one (`head_of`) can tell that no row was changed since. Of a log each entry, or checkpoint, states the hashes
+that none before it states, the newest `opening.Heads`.
 """
 
 from __future__ import annotations
@@ -87,8 +84,8 @@ def _loose(key: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
     """Rows of a chain that follow no other one, or follow one that another follows."""
     linked = rows.filter(pc.not_equal(pc.coalesce(rows[_HASH], ""), "")).sort_by("commit_version")
     known, followed = {_root_of(rows), *linked[_HASH].to_pylist()}, set()
-    for name, before in zip(linked[key].to_pylist(), linked[_BEFORE].to_pylist(), strict=True):
-        before = before or ""
+    befores = pc.coalesce(linked[_BEFORE], "").to_pylist()
+    for name, before in zip(linked[key].to_pylist(), befores, strict=True):
         if before not in known:
             yield str(name), "follows a row that is not there: one was taken away or changed"
         elif before in followed:
@@ -108,21 +105,18 @@ def _link(before: str, content: str) -> str:
 
 def content_hashes(rows: pa.Table) -> list[str]:
     """The hash of each row, but for its own hash and that of the row before it."""
-    names = sorted(set(rows.column_names) - {_HASH, _BEFORE})
-    hashes: list[str] = []
+    # Null and empty fields count for nothing: columns that came later leave older hashes as they are.
+    names, hashes = sorted(set(rows.column_names) - {_HASH, _BEFORE}), list[str]()
     for start in range(0, len(rows), _ROWS):
-        part = rows.select(names).slice(start, _ROWS)
-        bounds, text = _texts(part)
+        bounds, text = _texts(rows.select(names).slice(start, _ROWS))
         ends = zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
         hashes += [hashlib.sha256(text[min(begin + 1, end) : end]).hexdigest() for begin, end in ends]
     return hashes
 
 
 def _texts(rows: pa.Table) -> tuple[Ints, memoryview]:
-    """What is hashed of each row, in one buffer: where each begins, with a line's end, and the last ends.
-
-    It is the fields by name, each with its length, so that none runs on. What all rows say alike is one text.
-    """
+    """What is hashed of each row, in one buffer: where each begins, with a line's end, and the last ends."""
+    # The fields by name, each with its length, so that none runs on; what all rows say alike is one text.
     parts, alike = list[Any](), ""
     for name in rows.column_names:
         column = rows[name].combine_chunks()
@@ -142,11 +136,10 @@ def _texts(rows: pa.Table) -> tuple[Ints, memoryview]:
                 continue
             parts += [pa.scalar(alike, _TEXT), values]
         alike = ""
-    none = pa.array([""] * len(rows), _TEXT)
-    lines = pc.binary_join_element_wise(*parts, pa.scalar(alike, _TEXT), none, _NONE, null_handling="skip")
+    parts += [pa.scalar(alike, _TEXT), pa.array([""] * len(rows), _TEXT)]
+    lines = pc.binary_join_element_wise(*parts, _NONE, null_handling="skip")
     _, offsets, text = lines.buffers()
-    bounds = np.frombuffer(offsets, np.int64, len(lines) + 1, 8 * lines.offset)
-    return bounds, memoryview(text or b"")
+    return np.frombuffer(offsets, np.int64, len(lines) + 1, 8 * lines.offset), memoryview(text or b"")
 
 
 def _text(values: pa.Array) -> pa.Array:
@@ -173,9 +166,8 @@ _NAME = re.compile(r"[0-9]{20}(\.checkpoint)?\.(json|parquet)")
 
 
 def unstated(log: FileStore, version: int) -> dict[str, str]:
-    """The hashes of the entries up to a version that none of them states."""
-    hashes: dict[str, str] = {}
-    stated = -1
+    """The hashes of the entries up to a version that none of them states; of two racing writers both."""
+    hashes, stated = dict[str, str](), -1
     for number in range(version, max(version - _MOST, -1), -1):
         if number <= stated:
             break
@@ -192,25 +184,20 @@ def unstated(log: FileStore, version: int) -> dict[str, str]:
 
 
 def _commit(content: bytes) -> dict[str, Any]:
-    """What an entry says of its commit."""
     lines = (line for line in content.splitlines() if line.startswith(b'{"commitInfo"'))
     return dict(json.loads(next(lines, b'{"commitInfo": {}}'))["commitInfo"])
 
 
 def _stated_in(content: bytes) -> dict[str, str]:
-    """The hashes that an entry states."""
-    hashes = json.loads(_commit(content).get(STATED, "{}"))
-    return {name: str(value) for name, value in hashes.items() if _NAME.fullmatch(name)}
+    hashes = json.loads(_commit(content).get(STATED, "{}")).items()
+    return {name: str(value) for name, value in hashes if _NAME.fullmatch(name)}
 
 
 def rows_added(log: FileStore) -> int:
     """How many rows a log says were added, by the entries that were not cleaned away."""
+    names = [name for name in log.names() if _NAME.fullmatch(name) and name.endswith(".json")]
     try:
-        rows = [
-            str(_commit(log.read(name)).get("rows", ""))
-            for name in log.names()
-            if _NAME.fullmatch(name) and name.endswith(".json")
-        ]
+        rows = [str(_commit(log.read(name)).get("rows", "")) for name in names]
     except (ValueError, AttributeError, KeyError, TypeError):
         return 0  # a finding of its own
     return sum(int(count) for count in rows if count.isdigit())
@@ -253,20 +240,16 @@ def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddActi
     pq.write_table(rows, sink, row_group_size=ROW_GROUP, compression="zstd", store_schema=False)
     name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
     files.write(name, sink.getvalue())
-    return AddAction(
-        name, sink.tell(), {}, int(time.time() * 1000), True, statistics(decoded(rows.select(sought)))
-    )
+    ranges = statistics(decoded(rows.select(sought)))
+    return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, ranges)
 
 
 def statistics(rows: pa.Table) -> str:
-    """What readers may skip a file by: the range of each column, and its nulls; long texts have no range.
-
-    A column that is filtered by must have one: pyarrow takes a missing range for nulls.
-    """
+    """What readers may skip a file by: the range of each column, and its nulls; long texts have no range."""
+    # A column that is filtered by must have one: pyarrow takes a missing range for nulls.
     low, high = {}, {}
     for name in rows.column_names:
-        ends = pc.min_max(rows[name]).as_py()
-        least, most = ends["min"], ends["max"]
+        least, most = pc.min_max(rows[name]).as_py().values()
         if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:
             continue
         if isinstance(most, datetime):

@@ -1,35 +1,35 @@
-"""Records kept once by their content, never changed: ``<folder>/<sha256>.parquet`` in the catalog."""
+"""Records kept once by their content, never changed: ``<folder>/<sha256>.parquet`` in the catalog.
+
+And the memo: any record of arrays and scalars as one Parquet file, found by stage and key. The key holds all
+that a result depends on; a file that does not match its stage, key and hash is computed again.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import logging
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from upplied import records
 from upplied.catalog.schema.codec import decode, encode, sha256_of
 from upplied.catalog.store.files import FileStore, explained
+from upplied.checks import check_id
 from upplied.errors import CatalogError, SettingsError
-from upplied.records import (
-    Bools,
-    Floats,
-    Ints,
-    Photos,
-    Record,
-    Structure,
-    SupposedSurface,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.files import replace_file
+from upplied.records import Bools, Floats, Ints, Record, Structure, SurfaceStates
 
+log = logging.getLogger(__name__)
 R = TypeVar("R")
-
-_HASH = re.compile(r"[0-9a-f]{64}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,10 +64,9 @@ class StoredLooks(Record):
     frontal_incidence_deg: Floats | None = field(default=None, metadata={"later": True})  # (K,)
     # 1 where it was seen only if the correction of the log is right; None: nothing was corrected.
     assumed: Ints | None = field(default=None, metadata={"later": True})  # (K,)
-    # 1 where it was looked at as its plan asks; None: not asked then.
-    inspected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
-    # 1 where it was, if the correction of the log is right; None: nothing was corrected.
-    inspected_if_corrected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
+    # 1 where it was looked at as its plan asks, and where it was if the correction is right.
+    inspected: Ints | None = field(default=None, metadata={"later": True})  # (K,) None: not asked then
+    inspected_if_corrected: Ints | None = field(default=None, metadata={"later": True})  # None: not corrected
 
     @property
     def as_asked(self) -> Ints:
@@ -80,10 +79,9 @@ class StoredLooks(Record):
         """The looks that do not depend on a correction of the log."""
         if self.assumed is None:
             return self
-        columns = [item.name for item in fields(self) if item.name not in ("samples_sha256", "assumed")]
-        values = {name: getattr(self, name) for name in columns}
-        known = {name: value[self.assumed == 0] for name, value in values.items() if value is not None}
-        return replace(self, assumed=None, **known)
+        names = [item.name for item in fields(self) if item.name not in ("samples_sha256", "assumed")]
+        known = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return replace(self, assumed=None, **{name: it[self.assumed == 0] for name, it in known.items()})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,8 +115,7 @@ def labelled(structure: Structure, labels: Sequence[str]) -> FaceLabels:
 
 def triangles_sha256(structure: Structure) -> str:
     """Hash of the faces of a mesh in their order: what labels of faces are good for."""
-    faces = np.ascontiguousarray(structure.triangles, "<i8")
-    return hashlib.sha256(faces.tobytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(structure.triangles, "<i8").tobytes()).hexdigest()
 
 
 class Content(NamedTuple):
@@ -140,9 +137,9 @@ CONTENTS = {
     "meshes": Content(Structure, "delete it and add the structure again", _columns("mesh", "structures")),
     "surfaces": Content(States, _PLANNED, _columns("surface inspected"), True),
     "samples": Content(Samples, _PLANNED),
-    "supposed": Content(SupposedSurface, _PLANNED, _columns("supposed", "transfers decisions"), True),
-    "photos": Content(Photos, _PLANNED, _columns("photos"), True),
-    "flown": Content(Trajectory, "fly the plan again", _columns("flight", "flights")),
+    "supposed": Content(records.SupposedSurface, _PLANNED, _columns("supposed", "transfers decisions"), True),
+    "photos": Content(records.Photos, _PLANNED, _columns("photos"), True),
+    "flown": Content(records.Trajectory, "fly the plan again", _columns("flight", "flights")),
     "looks": Content(StoredLooks, "add the flight again", _columns("looks", "flights")),
     "labels": Content(FaceLabels, "require the zones again"),
 }
@@ -185,7 +182,7 @@ class ContentStore(Generic[R]):
 
 def file_name(sha256: str) -> str:
     """The name of the file of a record; what is no hash is refused."""
-    if not _HASH.fullmatch(sha256):
+    if not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise CatalogError(f"content {sha256[:80]!r}", "is no hash", "64 hexadecimal digits")
     return f"{sha256}.parquet"
 
@@ -199,8 +196,7 @@ class SurfaceStore:
 
     def put(self, surface: SurfaceStates) -> str:
         """Keep a surface; returns the hash of its states, which name their samples."""
-        samples = self.samples.put(Samples(surface.points, surface.normals))
-        state = np.asarray(surface.state)
+        samples, state = self.samples.put(Samples(surface.points, surface.normals)), np.asarray(surface.state)
         small: Any = state.astype(np.int8)
         return self.states.put(States(samples, small if np.array_equal(small, state) else state))
 
@@ -213,3 +209,69 @@ class SurfaceStore:
         states = self.states.get(sha256)
         samples = self._samples(states.samples_sha256)
         return SurfaceStates(samples.points, states.state.astype(np.int64), samples.normals)
+
+
+class Cache:
+    """Remembers records by content, in a folder that is made when the first is kept.
+
+    Examples
+    --------
+    >>> cache = Cache("cache")                                                    # doctest: +SKIP
+    >>> cache("clouds", Cloud, key, lambda: voxel_cloud(structure, settings))     # doctest: +SKIP
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+
+    def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
+        """The remembered record of this stage and key, or the computed one, which is then remembered."""
+        if (record := self.get(stage, record_type, key)) is None:
+            record = compute()
+            self.put(stage, key, record)
+        return record
+
+    def get(self, stage: str, record_type: type[R], key: str, nameless: bool = False) -> R | None:
+        """The remembered record; None where none can be believed. Version 0.1.0 wrote `nameless` ones."""
+        path = self.path(stage, key)
+        try:
+            record = decode(path.read_bytes(), record_type, name="" if nameless else f"{stage}/{key}")
+        except FileNotFoundError:
+            return None
+        except (OSError, CatalogError) as error:
+            log.warning("cache entry %s is not believed and will be computed again: %s", path, error)
+            return None
+        with contextlib.suppress(OSError):  # read-only: the entry only looks older to `prune` than it is
+            os.utime(path)
+        return record
+
+    def put(self, stage: str, key: str, record: object) -> None:
+        """Remember a record; where that is impossible (disk full, read-only) only time is lost."""
+        path = self.path(stage, key)
+        try:  # an entry that a power cut tore is noticed
+            replace_file(path, encode(record, f"{stage}/{key}"), lasting=False)
+        except OSError as error:
+            log.warning("cannot remember %s: %s", path, error)
+
+    def path(self, stage: str, key: str) -> Path:
+        """Where the record of this stage and key lies."""
+        name = check_id(key, "cache key")
+        return self.folder / check_id(stage, "cache stage") / name[:2] / f"{name}.parquet"
+
+    def entries(self) -> list[tuple[float, int, Path]]:
+        """When each entry was last used (s since 1970), its size in bytes and its path; oldest first."""
+        uses = []
+        for path in self.folder.glob("*/*/*.parquet"):
+            with contextlib.suppress(FileNotFoundError):  # pruned by somebody else meanwhile
+                known = path.stat()
+                uses.append((known.st_mtime, known.st_size, path))
+        return sorted(uses)
+
+    def prune(self, max_bytes: int) -> int:
+        """Forget the records unused for longest until at most `max_bytes` remain; bytes freed."""
+        entries, freed = self.entries(), 0
+        excess = sum(size for _, size, _ in entries) - max_bytes
+        for _, size, path in entries:
+            if freed < excess:
+                path.unlink(missing_ok=True)
+                freed += size
+        return freed

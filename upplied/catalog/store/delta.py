@@ -9,6 +9,7 @@ from datetime import datetime
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from typing import TypeAlias
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -19,13 +20,16 @@ from deltalake.exceptions import CommitFailedError
 
 from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table, in_schema, needed, upgraded
 from upplied.catalog.store.chain import ROW_GROUP, STATED, encoded, new_file, sealed
-from upplied.catalog.store.files import FileStore, explained
-from upplied.catalog.store.identity import Clock, Identity
-from upplied.catalog.store.locking import turn
-from upplied.catalog.store.opening import OpenTable
+from upplied.catalog.store.files import FileStore, explained, turn
+from upplied.catalog.store.opening import Clock, Identity, OpenTable
 from upplied.checks import check_id
 from upplied.errors import CatalogError
 from upplied.files import sync_path
+
+Columns = list[str] | None
+Where: TypeAlias = ds.Expression | None
+Version = int | None
+Commits = Collection[str] | None  # of steps: the rows of these alone, others may lack
 
 _ORDER = "upplied.rows"  # the transaction that numbers rows advance
 
@@ -41,9 +45,7 @@ class StoredTable(OpenTable):
         self._columns_added = False
         self._names: dict[str, pa.ChunkedArray] = {}  # of rows, by data file
 
-    def dataset(
-        self, version: int | None = None, commits: Collection[str] | None = None
-    ) -> ds.Dataset | None:
+    def dataset(self, version: Version = None, commits: Commits = None) -> ds.Dataset | None:
         """The rows of a version, else the newest; None without any. Of `commits` alone, others may lack."""
         with self._lock:
             if (delta := self._refreshed()) is None:
@@ -58,45 +60,49 @@ class StoredTable(OpenTable):
             return self._dataset[1]
 
     def read(
-        self,
-        where: ds.Expression | None = None,
-        columns: list[str] | None = None,
-        version: int | None = None,
-        commits: Collection[str] | None = None,
+        self, where: Where = None, columns: Columns = None, version: Version = None, commits: Commits = None
     ) -> pa.Table:
         """The rows that fit, in the declared columns and types; those an older program lacked are null."""
         columns, dataset = columns or self.declared.names, self.dataset(version, commits)
         if dataset is None:
             return self._selected(None, columns)
-        present = self._present(dataset, columns)
-        return self._selected(explained(self.uri, partial(dataset.to_table, present, where)), columns)
+        rows = explained(self.uri, partial(dataset.to_table, self._present(dataset, columns), where))
+        return self._selected(rows, columns)
 
-    def narrow(
-        self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
-    ) -> pa.Table:
+    def narrow(self, columns: list[str], where: Where = None, version: Version = None) -> pa.Table:
         """As `read`, for questions over every row: texts that repeat are kept once (dictionaries)."""
         parts = [encoded(rows) for rows in self.batches(columns, where, version)]
         return pa.concat_tables(parts).unify_dictionaries()
 
     def batches(
-        self,
-        columns: list[str] | None,
-        where: ds.Expression | None = None,
-        version: int | None = None,
-        commits: Collection[str] | None = None,
+        self, columns: Columns, where: Where = None, version: Version = None, commits: Commits = None
     ) -> Iterator[pa.Table]:
         """As `read`, some rows at a time, the first none; of None, what only a newer program knows too."""
         dataset = self.dataset(version, commits)
         yield self._selected(None, columns)
-        if dataset is not None:
-            for batch in self._scanned(dataset, where, self._present(dataset, columns)):
-                yield self._selected(batch, columns)
+        if dataset is None:
+            return
+        # A row of plans takes kilobytes: few are read ahead. With threads up to a gibibyte is decoded ahead
+        # of whoever asks (Acero's backpressure starts there), whatever the readahead says; and with buffers
+        # filled beforehand, which spares round trips to an object store, as long as nobody asks.
+        scanner = dataset.scanner(
+            columns=self._present(dataset, columns),
+            fragment_scan_options=ds.ParquetFragmentScanOptions(pre_buffer=not self._files.local),
+            filter=where,
+            batch_size=ROW_GROUP,
+            batch_readahead=1,
+            fragment_readahead=1,
+            use_threads=False,
+        )
+        with closing(scanner.to_batches()) as batches:
+            while (batch := explained(self.uri, partial(next, batches, None))) is not None:
+                yield self._selected(pa.table(batch), columns)
 
-    def _present(self, dataset: ds.Dataset, columns: list[str] | None) -> list[str] | None:
+    def _present(self, dataset: ds.Dataset, columns: Columns) -> Columns:
         names = None if columns is None else needed(self.declared, columns)
         return names and [name for name in names if name in dataset.schema.names]
 
-    def _selected(self, rows: pa.Table | None, columns: list[str] | None) -> pa.Table:
+    def _selected(self, rows: pa.Table | None, columns: Columns) -> pa.Table:
         """Some columns of rows of any schema in the declared types, or of None all; of None, no rows."""
         names, declared = columns or self.declared.names, self.declared.schema
         wanted = pa.schema([declared.field(name) for name in needed(self.declared, names)])
@@ -107,41 +113,17 @@ class StoredTable(OpenTable):
                 known = known.append_column(field, rows[field.name])
         return known
 
-    def _scanned(
-        self, dataset: ds.Dataset, where: ds.Expression | None = None, columns: list[str] | None = None
-    ) -> Iterator[pa.Table]:
-        # A row of plans takes kilobytes: few are read ahead. With threads up to a gibibyte is decoded ahead
-        # of whoever asks (Acero's backpressure starts there), whatever the readahead says; and with buffers
-        # filled beforehand, which spares round trips to an object store, as long as nobody asks.
-        scanner = dataset.scanner(
-            columns=columns,
-            fragment_scan_options=ds.ParquetFragmentScanOptions(pre_buffer=not self._files.local),
-            filter=where,
-            batch_size=ROW_GROUP,
-            batch_readahead=1,
-            fragment_readahead=1,
-            use_threads=False,
-        )
-        with closing(scanner.to_batches()) as batches:
-            while (batch := explained(self.uri, partial(next, batches, None))) is not None:
-                yield pa.table(batch)
-
-    def whole(self, where: ds.Expression | None = None) -> pa.Table:
+    def whole(self, where: Where = None) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
         return pa.concat_tables(self.batches(None, where), promote_options="default")
 
     def named(self, names: pa.Array) -> pa.Array:
-        """Those of some names of rows, of the first column, that are stored; each data file is read once.
-
-        (A dataset states the range of every column of every file, which costs more than all the rest of a
-        commit.)
-        """
-        with self._lock:
+        """Those of some names of rows, of the first column, that are stored; each data file is read once."""
+        with self._lock:  # a dataset would state the range of every column of every file, which costs more
             delta = self._refreshed()
             files = [] if delta is None else [uri.rsplit("/", 1)[-1] for uri in delta.file_uris()]
-            new = {
-                name: explained(self.uri, partial(self._names_in, name)) for name in {*files} - {*self._names}
-            }
+            lacking = {*files} - {*self._names}
+            new = {name: explained(self.uri, partial(self._names_in, name)) for name in lacking}
             self._names = {name: new.get(name, self._names.get(name)) for name in files}
             return names.filter(pc.is_in(names, pa.chunked_array(self._names.values(), pa.string())))
 
@@ -173,11 +155,7 @@ class StoredTable(OpenTable):
         return -1 if delta is None else delta.version(), -1 if added is None else added
 
     def _append_next(self, rows: pa.Table) -> int:
-        """Commit rows as the next in order; where another writer was faster, they are numbered anew.
-
-        All writers advance one transaction of the table, its time in microseconds: of two with one number
-        one fails.
-        """
+        """Commit rows as the next in order; all writers advance one transaction: of two alike one fails."""
         with self._lock:
             delta = self._refreshed()
             assert delta is not None
@@ -206,17 +184,14 @@ class StoredTable(OpenTable):
                 raise
             if self._names:  # which asks for all of them
                 self._names[added.path] = numbered[0]
-            return self._committed(delta.version() + 1, added.path)
-
-    def _committed(self, version: int, name: str) -> int:
-        """The version that brought a data file, at least a given one, once it is there to stay."""
-        while name.encode() not in self._log.read(entry := f"{version:020}.json"):
-            version += 1  # somebody merged files meanwhile
-        if self._files.local:
-            sync_path(Path(self._log.path(entry)))
-            sync_path(Path(self._log.root))
-        self._heads.note(version, self._unstated(version))
-        return version
+            version = delta.version() + 1
+            while added.path.encode() not in self._log.read(entry := f"{version:020}.json"):
+                version += 1  # somebody merged files meanwhile
+            if self._files.local:
+                sync_path(Path(self._log.path(entry)))
+                sync_path(Path(self._log.root))
+            self._heads.note(version, self._unstated(version))
+            return version
 
     def rows_of(self, delta: DeltaTable) -> ds.Dataset:
         """The rows of a version; with delta-rs's own file system one process in seven aborted at its exit."""
@@ -255,9 +230,7 @@ class StepTable(StoredTable):
         explained(self.files.path(name), lambda: self.files.write(name, content))
         return commit
 
-    def dataset(
-        self, version: int | None = None, commits: Collection[str] | None = None
-    ) -> ds.Dataset | None:
+    def dataset(self, version: Version = None, commits: Commits = None) -> ds.Dataset | None:
         """The steps of all commits, or of some; None where there are none."""
         if version is not None:
             return super().dataset(version)
@@ -267,7 +240,14 @@ class StepTable(StoredTable):
             names &= names if commits is None else {*wanted}
         else:
             names = {one for one in wanted if explained(self.files.path(one), partial(self.files.has, one))}
-        files = self._dataset_of(sorted(name for name in names if name.endswith(_SUFFIX)))
+        parquet, filesystem, own = ds.ParquetFileFormat(), self.files.filesystem(), pc.field("commit_id")
+        parts = [  # which commit each is of spares opening the others
+            parquet.make_fragment(name, filesystem, own == name.removesuffix(_SUFFIX))
+            for name in sorted(names)
+            if name.endswith(_SUFFIX)
+        ]
+        schema = self.declared.schema
+        files = ds.FileSystemDataset(parts, schema, parquet, filesystem) if parts else None
         if commits is not None and len(names) == len({*commits}):
             return files
         older = super().dataset()
@@ -275,14 +255,3 @@ class StepTable(StoredTable):
             return files or older
         schema = pa.unify_schemas([files.schema, older.schema])
         return ds.dataset([files.replace_schema(schema), older.replace_schema(schema)])
-
-    def _dataset_of(self, names: list[str]) -> ds.Dataset | None:
-        """The files as one dataset; which commit each is of spares opening the others."""
-        if not names:
-            return None
-        parquet, filesystem = ds.ParquetFileFormat(), self.files.filesystem()
-        parts = [
-            parquet.make_fragment(name, filesystem, pc.field("commit_id") == name.removesuffix(_SUFFIX))
-            for name in names
-        ]
-        return ds.FileSystemDataset(parts, self.declared.schema, parquet, filesystem)

@@ -1,12 +1,13 @@
-"""Whole files or none, in a folder or an object store; and where a catalog and its cache lie."""
+"""Whole files or none, in a folder or an object store; where a catalog and its cache lie; and locks."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import re
+import threading
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import TypeVar
@@ -99,11 +100,7 @@ class FileStore:
         sync_path(path.parent)
 
     def _first(self, name: str, content: bytes) -> bytes:
-        """What the first of several who create a file in an object store would write.
-
-        Pyarrow always replaces what is there; delta-rs puts the first entry of a log on condition that
-        there is none.
-        """
+        # Pyarrow always replaces what is there; delta-rs puts the first entry of a log where there is none.
         uri = self.path(name + _FIRST)
         try:
             schema, given = pa.schema([("content", pa.string())]), {_CONTENT: content.decode()}
@@ -161,8 +158,6 @@ def cache_folder(location: str) -> Path:
 
 T = TypeVar("T")
 
-_SETTINGS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
-
 
 def explained(what: str, act: Callable[[], T], *passed: type[Exception], doing: str = "") -> T:
     """Do it; what the storage raises becomes an error that people read, of what it was `doing`."""
@@ -180,32 +175,88 @@ def explained(what: str, act: Callable[[], T], *passed: type[Exception], doing: 
 
 
 def _brief(error: Exception) -> str:
-    """The first line of what the storage said, at a length that fits a screen."""
     return str(error).strip().split("\n")[0][:300]
 
 
 def remedy_of(what: str, message: str) -> str:
-    """What a person can do about it."""
-    if "://" in what:
-        return _remedy_of_store(what)
-    if "No space" in message or "os error 28" in message or "File too large" in message:
-        return "free some space; nothing was changed"
-    if "ermission" in message or "ead-only" in message:
-        return "ask for the right to read and write there; nothing was changed"
-    if "Parquet" in message or "Json error" in message or "parquet" in message:
-        return "take that file, or the table's folder, from a backup; nothing was changed"
-    return ""
-
-
-def _remedy_of_store(uri: str) -> str:
-    """Which bucket was asked for, where, and which settings are missing; never what is in them."""
-    bucket = re.sub(r"^[a-z0-9]+://([^/]*).*$", r"\1", uri)
+    """What a person can do about it; of a store which bucket was requested where, and what is not set."""
+    if "://" not in what:
+        if "No space" in message or "os error 28" in message or "File too large" in message:
+            return "free some space; nothing was changed"
+        if "ermission" in message or "ead-only" in message:
+            return "ask for the right to read and write there; nothing was changed"
+        if "arquet" in message or "Json error" in message:
+            return "take that file, or the table's folder, from a backup; nothing was changed"
+        return ""
+    bucket = re.sub(r"^[a-z0-9]+://([^/]*).*$", r"\1", what)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     where = re.sub(r"//[^/@]*@", "//", endpoint) or "the store's own (AWS_ENDPOINT_URL is not set)"
-    missing = [name for name in _SETTINGS if not os.environ.get(name)]
+    needed = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
+    missing = [name for name in needed if not os.environ.get(name)]  # never what is in them
     if "AWS_REGION" in missing and os.environ.get("AWS_DEFAULT_REGION"):
         missing.remove("AWS_REGION")
     if endpoint.startswith("http://") and os.environ.get("AWS_ALLOW_HTTP", "").lower() != "true":
         missing.append("AWS_ALLOW_HTTP=true (the endpoint is http)")
     lacking = f"; not set in the environment: {', '.join(missing)}" if missing else ""
     return f"bucket {bucket} was requested at {where}{lacking}; nothing was changed"
+
+
+PATIENCE_S = 1800.0  # a publication of a large fleet takes minutes
+_TURN_S = 5.0  # of a writer that holds its turn for longer nobody waits: it was stopped, or is far away
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock until the process ends or leaves; where there are no locks it counts as held."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".lock").touch()
+    except OSError as error:
+        remedy = "free space or rights; what was there still is"
+        raise CatalogError(str(folder), f"cannot be written: {error}", "", remedy) from None
+    with _waited(PATIENCE_S, folder / ".lock") as held:
+        if not held:
+            raise CatalogError(str(folder), "somebody else has been publishing there for long")
+        yield
+
+
+@contextlib.contextmanager
+def turn(path: Path) -> Iterator[None]:
+    """Wait for the others who do the same, for some seconds at most; a courtesy, which nothing depends on."""
+    # Nobody overtakes: the first who waits holds a second lock, which whoever comes back for another turn
+    # needs too. The kernel wakes them: looks now and then would mostly find the turn taken.
+    with _waited(_TURN_S, path.with_suffix(".next"), path):
+        yield
+
+
+@contextlib.contextmanager
+def _waited(patience_s: float, *paths: Path) -> Iterator[bool]:
+    """Wait for the last of some locks, each held until the next one is; whether it is held."""
+    # A thread waits in the kernel, which knows no patience; who gives up leaves it to pass the lock on.
+    handles, closing = list[int](), threading.Lock()
+    ended, left = threading.Event(), threading.Event()
+
+    def wait() -> None:
+        with contextlib.suppress(OSError, ImportError):
+            import fcntl
+
+            for path in paths:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                handles.append(handle := os.open(path, os.O_RDWR | os.O_CREAT, 0o644))
+                fcntl.flock(handle, fcntl.LOCK_EX)
+                if len(handles) > 1:
+                    os.close(handles.pop(0))
+        ended.set()
+        close()
+
+    def close() -> None:
+        with closing:
+            while handles and ended.is_set() and left.is_set():
+                os.close(handles.pop())
+
+    threading.Thread(target=wait, name=f"lock of {paths[-1].name}", daemon=True).start()
+    try:
+        yield ended.wait(patience_s)
+    finally:
+        left.set()
+        close()

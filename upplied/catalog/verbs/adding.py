@@ -12,12 +12,12 @@ import pyarrow.compute as pc
 
 from upplied.catalog.reading import Reading
 from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema.plan_rows import is_foreign
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StepTable, StoredTable
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.maintenance import tidy
-from upplied.catalog.verbs.ordering import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Bools, Demonstration, Plan, Structure, Trajectory
@@ -29,11 +29,7 @@ class Adding(Reading):
     """A catalog that takes records in; see `upplied.catalog.Catalog`."""
 
     def add_structures(self, structures: Sequence[Structure]) -> int:
-        """Add structures in one commit; returns how many were new or changed.
-
-        One that says the same as its current version adds nothing. The mesh is kept before the row
-        that names it.
-        """
+        """Add structures in one commit, meshes first; returns how many were new or changed."""
         current = ordering.newest_rows(self.create().tables["structures"])
         new: dict[str, Row] = {}
         for structure in structures:
@@ -65,19 +61,14 @@ class Adding(Reading):
     def add_plans(self, plans: Sequence[Planned]) -> int:
         """Add plans in one commit; returns how many rows came of it.
 
-        Parameters
-        ----------
-        plans : sequence of (key, plan, provenance)
-            The key is the hash of everything the plan depends on; one that is known adds nothing,
-            with two exceptions: a failure makes way for a later result and for the failure of another
-            run, and a plan that had been followed by another of its pair becomes current again. For the
-            provenance see `upplied.catalog.schema.plan_rows.transfer_row`; hashes it leaves out are those of
-            the current versions in the catalog.
+        Each is key, plan and provenance (`upplied.catalog.schema.plan_rows.transfer_row`; hashes it leaves
+        out are those of the current versions). The key is the hash of everything the plan depends on; one
+        that is known adds nothing, but that a failure makes way for a later result and for the failure of
+        another run, and that a plan which another of its pair had followed becomes current again.
         """
-        for key, _, _ in plans:
-            check_id(key, "key of a plan")
+        keys = [check_id(key, "key of a plan") for key, _, _ in plans]
         table = self.create().tables["transfers"]
-        stored = ordering.rows_of_keys(table, [key for key, _, _ in plans])
+        stored = ordering.rows_of_keys(table, keys)
         new = {
             key: (plan, provenance)
             for key, plan, provenance in plans
@@ -128,14 +119,10 @@ class Adding(Reading):
     def adopt_plans(self, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
         """Add plans of another catalog as they are, with the steps that they own there."""
         stored = ordering.rows_of_keys(self.tables["transfers"], [row["key"] for row in plans])
-        new = [
-            row
-            for row in plans
-            if _makes_way(stored.get(row["key"]), row["status"], foreign=plan_rows.is_foreign(row))
-        ]
+        new = [row for row in plans if _makes_way(stored.get(row["key"]), row["status"], "", is_foreign(row))]
         owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
         commit = self._add_steps("waypoints", *owned)
-        undecided = dict.fromkeys(DERIVED)  # what was decided about them elsewhere is not decided here
+        undecided = dict.fromkeys(ordering.DERIVED)  # here, whatever was decided elsewhere
         return self.add_rows("transfers", [{**row, **undecided, "commit_id": commit} for row in new])
 
     def add_rows(self, name: str, new: list[Row], more: pa.Table | None = None) -> int:
@@ -170,12 +157,10 @@ class Adding(Reading):
     ) -> dict[str, tuple[str, str]]:
         """Those of the keys that need no planning, each with status and reason of its plan.
 
-        A key is settled when the plan of that key is the current one of its demonstration, target and
-        preset: one that was followed by another, as by one of other settings, is not. With `retry_failed`
-        failures are not settled, but for those of the run `run_id`.
+        A key is settled when its plan is the current one of its demonstration, target and preset. With
+        `retry_failed` failures are not settled, but for those of the run `run_id`.
         """
-        wanted = list(dict.fromkeys(keys))
-        ids = ordering.ids_of(wanted)
+        ids = ordering.ids_of(wanted := list(dict.fromkeys(keys)))
         plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, run_id, ["reason"])
         once: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
         columns = (plans[name].to_pylist() for name in ("status", "reason"))
@@ -208,10 +193,9 @@ def _makes_way(stored: Row | None, status: str, run_id: str = "", foreign: bool 
     """Whether a plan's row is added: a result or another run's failure to a failure, a plan to an import."""
     if stored is None:
         return True
-    if plan_rows.is_foreign(stored):
+    if is_foreign(stored):
         return not foreign
-    failed_again = status == "failed" and run_id in ("", stored["run_id"])
-    return stored["status"] == "failed" and not failed_again
+    return stored["status"] == "failed" and not (status == "failed" and run_id in ("", stored["run_id"]))
 
 
 def _repeated(table: StoredTable, stored: Sequence[Row], changes: Mapping[str, Any]) -> pa.Table:

@@ -17,7 +17,7 @@ from upplied.catalog.reading import Reading
 from upplied.catalog.schema.plan_rows import tuples
 from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.store.contents import labelled
-from upplied.catalog.verbs.findings import Finding
+from upplied.catalog.verbs.adding import Adding
 from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.roster import author
 from upplied.checks import check_id
@@ -26,11 +26,10 @@ from upplied.errors import CatalogError, SettingsError
 
 _NUMBERS = {"gsd_mm": (0.0, 1e5), "incidence_deg": (0.0, 90.0), "max_age_days": (0.0, 1e5)}  # above, up to
 _LONGEST = 100_000  # letters of a place: what is painted has many balls
-_MOST_LOOKS = 1000
-_MOST_ZONES = 1000
+_MOST_LOOKS = _MOST_ZONES = 1000
 
 
-class OwnSettings(Finding):
+class OwnSettings(Adding):
     """A catalog whose kinds and structures have settings and requirements; see `upplied.catalog.Catalog`."""
 
     def require(
@@ -41,22 +40,16 @@ class OwnSettings(Finding):
         Parameters
         ----------
         scope : {"kind", "structure"}
-        owner : str
-            The kind, or the id of the structure.
-        name : str
-            Of the set.
+        owner, name : str
+            The kind, or the id of the structure; and the name of the set.
         zones : sequence of mapping
             Each with `zone` (its name), `where` (landmarks, part_0, "box X Y Z X Y Z", "ball X Y Z R", m,
             "labels HASH LABEL" of `add_labels`), `on`, and what is asked: `looks`, `gsd_mm`,
             `incidence_deg`, `max_age_days`. None takes the set back.
-        by : str
-            Who asks.
-        note : str
         """
         check_id(name, "name of requirements")
         about = self._owned(f"requirements {name}", scope, owner, by, note)
-        structures = self.structures()
-        kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
+        kinds = dict(self.structures()[["structure_id", "kind"]].itertuples(index=False, name=None))
         kind = owner if scope == "kind" else kinds[owner]
         checked = [_zone(name, zone) for zone in zones]
         for zone in checked:
@@ -66,9 +59,8 @@ class OwnSettings(Finding):
         if len(zones) > _MOST_ZONES or len({zone["zone"] for zone in checked}) < len(zones):
             rule = f"{_MOST_ZONES} zones at most, each once"
             raise SettingsError(f"requirements {name}", "name a zone twice, or too many", rule)
-        zones_json = json_text(checked) if zones else ""
-        row = {"requirement_id": self.new_commit_id(), "name": name, "zones_json": zones_json, **about}
-        return self.add_rows("requirements", [row])
+        row = {"requirement_id": self.new_commit_id(), "name": name, **about}
+        return self.add_rows("requirements", [{**row, "zones_json": json_text(checked) if zones else ""}])
 
     def _owned(self, what: str, scope: str, owner: str, by: str, note: str) -> Row:
         """What rows that belong to a kind or a structure say alike; one that is not there is refused."""
@@ -80,17 +72,11 @@ class OwnSettings(Finding):
         return {"scope": scope, "owner": owner, "by": who, "note": note}
 
     def add_labels(self, structure_id: str, labels: Sequence[str]) -> str:
-        """Keep the label of each face of a structure's mesh, in their order; returns the hash.
-
-        A zone is then ``labels HASH LABEL``: the faces that have it.
-        """
+        """Keep the label of each face of a structure's mesh, in their order; the HASH in zones of them."""
         return self.contents["labels"].put(labelled(self.structure(structure_id), labels))
 
     def requirements(self, every: bool = False, version: int | None = None) -> pd.DataFrame:
-        """Sets of requirements, the newest version of each; with `every`, older and taken back ones too.
-
-        With a `version` of the table `requirements`, those of until then.
-        """
+        """Sets of requirements until a `version` of their table, the newest of each or `every` one."""
         sets, owners = self.by_commit("requirements"), ["scope", "owner", "name"]
         if version is not None:
             sets = sets[sets["commit_version"] <= version].copy()
@@ -103,8 +89,7 @@ class OwnSettings(Finding):
     def set(self, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
         """Set settings of a kind or a structure, which its plans are then made with.
 
-        `values` are by setting, as ``{"route.clearance_m": 3.0}``; None takes one back; the others as for
-        `require`.
+        `values` are by setting, as ``{"route.clearance_m": 3.0}``; None takes one back; else as `require`.
         """
         about = self._owned("a setting", scope, owner, by, note)
         commit, new = self.new_commit_id(), list[Row]()
@@ -143,10 +128,9 @@ class OwnSettings(Finding):
 
 def _zone(name: str, zone: Mapping[str, Any]) -> Row:
     what = f"requirements {name}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
-    unknown = sorted(set(zone) - {"zone", "where", "on", "looks", *_NUMBERS})
-    if unknown:
-        rule = f"zone, where, on, looks, {', '.join(_NUMBERS)}"
-        raise SettingsError(what, f"has {unknown[0][:60]!r}", rule)
+    allowed = ("zone", "where", "on", "looks", *_NUMBERS)
+    if unknown := sorted(set(zone) - set(allowed)):
+        raise SettingsError(what, f"has {unknown[0][:60]!r}", ", ".join(allowed))
     looks = zone.get("looks", 1)
     if not isinstance(looks, int) or isinstance(looks, bool) or not 1 <= looks <= _MOST_LOOKS:
         raise SettingsError(what, f"looks is {looks!r}", f"a whole number from 1 to {_MOST_LOOKS}")
@@ -157,10 +141,8 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
             raise SettingsError(what, f"has no {key}", f"a text of {_LONGEST} letters at most")
     for key, (low, high) in _NUMBERS.items():
         value = zone.get(key)
-        if value is None:
-            continue
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not low < value <= high:
+        if value is not None and not (number and low < value <= high):
             raise SettingsError(what, f"{key} is {value!r}", f"above {low:g} and up to {high:g}")
     return {key: value for key, value in zone.items() if value is not None}
 
@@ -188,15 +170,12 @@ class Zones:
 
     def named(self, kind: str, structure_id: str) -> str:
         """Hash of what a plan of the structure depends on by them; empty where nothing is asked."""
-        parts = [
-            [zone["where"], self._sha256.get(zone.get("on", ""), ""), *map(zone.get, PLANNED)]
-            for zone in self.of(kind, structure_id)
-        ]
+        parts, planned_by = [], ("on", "gsd_mm", "incidence_deg")
+        for zone in self.of(kind, structure_id):
+            parts.append(
+                [zone["where"], self._sha256.get(zone.get("on", ""), ""), *map(zone.get, planned_by)]
+            )
         return digest(sorted(parts, key=json_text)) if parts else ""
-
-
-#: What a zone asks for that a plan is made by.
-PLANNED = ("on", "gsd_mm", "incidence_deg")
 
 
 def zones_named(catalog: OwnSettings, kind: str, structure_id: str, name: str) -> list[Row]:
@@ -226,10 +205,9 @@ def declared(catalog: Reading) -> dict[Owner, Changes]:
     owners: dict[Owner, Changes] = {}
     for row in by_commit(catalog.tables["settings"].read()):
         stage, _, name = row["setting"].rpartition(".")
-        scope = str(row["scope"])
-        if scope in _SCOPES:
+        if row["scope"] in _SCOPES:
             stage, name = "", PRESET
-        owner = _SCOPES.get(scope, scope), str(row["owner"])
+        owner = str(_SCOPES.get(row["scope"], row["scope"])), str(row["owner"])
         values = owners.setdefault(owner, {}).setdefault(stage, {})
         values.pop(name, None)
         if row["value_json"]:
@@ -241,9 +219,9 @@ def changes_for(
     known: Mapping[Owner, Changes], preset: str, kind: str, structure_id: str, of_run: Mapping[str, Any]
 ) -> Changes:
     """The changes to a preset for one structure: its kind's, over them its own, over them those of a run."""
-    parts = [known.get(("kind", kind), {}), known.get(("structure", structure_id), {})]
+    owners = [("kind", kind), ("structure", structure_id)] if preset == FLOWN else []
     changes: Changes = {}
-    for part in [*(parts if preset == FLOWN else []), of_run]:
+    for part in [*(known.get(owner, {}) for owner in owners), of_run]:
         for stage, values in part.items():
             if stage:  # else the preset, which is the one that is flown
                 changes[stage] = {**changes.get(stage, {}), **values}
@@ -251,12 +229,12 @@ def changes_for(
 
 
 def _check(setting: str, value: Any) -> None:
-    """Refuse a setting that there is not, or a value that it does not take."""
     stage, dot, name = setting.partition(".")
     if setting == PRESET:
         if value is not None and value not in PRESETS:
-            rule = f"{FLOWN}: the one that is flown"
-            raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", rule)
+            raise SettingsError(
+                f"preset {str(value)[:60]!r}", "is unknown", f"{FLOWN}: the one that is flown"
+            )
         if value not in (None, FLOWN):  # gate, release and pages count on it
             rule = f"what belongs to kinds and structures is of {FLOWN}, the one that is flown"
             remedy = f"plan it beside: upplied transfer --preset {value} --experiment NAME"

@@ -25,8 +25,7 @@ from upplied.catalog.store.chain import changed_entries, changed_rows, content_h
 from upplied.catalog.store.contents import ContentStore
 from upplied.catalog.store.delta import HASH_DIGITS, StepTable
 from upplied.catalog.store.files import FileStore, explained
-from upplied.catalog.store.identity import Heads
-from upplied.catalog.store.opening import HASHED_KEY
+from upplied.catalog.store.opening import HASHED_KEY, Heads
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.queries import named
 from upplied.catalog.verbs.roster import Roster
@@ -49,8 +48,7 @@ def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[s
     # As texts: a dictionary's would be sorted as they stand in it.
     types = {key: pa.string(), "commit_id": pa.string(), count: pa.int64(), f"{name}_sha256": pa.string()}
     owning = rows.filter(pc.greater(rows[count], 0)).select(list(types)).cast(pa.schema(types))
-    owners = as_frame(owning).drop_duplicates([key, "commit_id"])
-    owners = owners.sort_values(["commit_id", key])
+    owners = as_frame(owning).drop_duplicates([key, "commit_id"]).sort_values(["commit_id", key])
     number = owners[count].cumsum() // COMPARED
     number = number.groupby(owners["commit_id"]).transform("first")  # each commit is a file, read once
     for _, chunk in owners.groupby(number, sort=True):
@@ -59,23 +57,20 @@ def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[s
 
 def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
     """What is stored of the steps of the given rows, in their order: all of it or not."""
-    key = TABLES[name].names[0]
+    declared, table, commits = TABLES[name], catalog.tables[name], owners["commit_id"].unique()
+    owner = [key := declared.names[0], "commit_id"]
     if not len(owners):
-        return TABLES[name].schema.empty_table()
-    table, commits, where = catalog.tables[name], owners["commit_id"].unique(), None
+        return declared.schema.empty_table()
     dataset = table.dataset(commits=commits)
     there = 0 if dataset is None else explained(table.uri, dataset.count_rows)
-    if 2 * owners[f"n_{name}"].sum() < there:  # else most are wanted
+    if 2 * owners[f"n_{name}"].sum() < there:  # of many rows few: some are decoded at a time
         ids = pa.array(list(owners[key]), pa.string())
         ends = pc.min_max(ids).as_py()
         where = (pc.field(key) >= ends["min"]) & (pc.field(key) <= ends["max"]) & pc.field(key).isin(ids)
-    names = TABLES[name].names
-    if where is None:
-        stored = table.read(None, names, commits=commits)
-    else:  # of many rows few: some are decoded at a time
-        stored = pa.concat_tables(table.batches(names, where, commits=commits))
-    starts = run_starts(stored, (key, "commit_id"))
-    owner = [key, "commit_id"]
+        stored = pa.concat_tables(table.batches(declared.names, where, commits=commits))
+    else:
+        stored = table.read(commits=commits)
+    starts = run_starts(stored, owner)
     place = pc.index_in(named(stored.take(pa.array(starts)), owner), named(owners, owner)).fill_null(-1)
     place = np.repeat(place.to_numpy(), np.diff(starts, append=len(stored)))
     seq, next_owner = stored["seq"].to_numpy(), np.diff(place, prepend=-1)
@@ -106,15 +101,15 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: ordering.S
     if not released:
         return {}
     rows, hashes = stored_plans(catalog, released)
-    roster, order = Roster(catalog.location), now.order
-    table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
+    roster, table = Roster(catalog.location), catalog.tables["decisions"]
+    names = [row["decision_id"] for row in released.values()]
     changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
     faults = dict(step_faults(catalog, "waypoints", rows))
     for row in rows.select(["transfer_id", "waypoints_sha256"]).to_pylist():
         plan, decision = row["transfer_id"], released[row["transfer_id"]]
         if decision["decision_id"] in changed:
             faults[plan] = f"its release {changed[decision['decision_id']]}"
-        elif wrong := roster.fault(decision, order):
+        elif wrong := roster.fault(decision, now.order):
             faults[plan] = f"its release does not count: {wrong}"
         elif decision["plan_sha256"] != row["waypoints_sha256"]:
             faults[plan] = "its waypoints are not those that were released"
@@ -140,14 +135,13 @@ FOREIGN_PLAN = ("it was imported and not measured here", "what is flown was judg
 def chain_heads(catalog: Reading) -> dict[str, str]:
     """The hash of the last row of each table whose rows follow each other: it proves those before it."""
     chained = {name: table.whole() for name, table in catalog.tables.items() if table.declared.is_chained}
-    heads = {name: head_of(rows) for name, rows in chained.items() if len(rows)}
-    return {name: sha256 for name, sha256 in heads.items() if sha256}
+    return {name: sha256 for name, rows in chained.items() if (sha256 := head_of(rows))}
 
 
 def foreign_plans(catalog: Reading) -> list[str]:
     """The plans that were imported and not measured here."""
-    columns = [*ordering.ORDERED, "imported_from"]
-    rows = ordering.in_order(catalog.tables["transfers"].read(None, columns), newest=False)
+    rows = catalog.tables["transfers"].read(None, [*ordering.ORDERED, "imported_from"])
+    rows = ordering.in_order(rows, newest=False)
     return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 
 
@@ -157,8 +151,7 @@ def stored_plans(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Ta
     rows = catalog.tables["transfers"].whole(pc.field("transfer_id").isin(ids))
     rows = ordering.in_order(rows, newest=False)
     own = rows.select([name for name in rows.column_names if name not in _NOT_ITS_OWN])
-    names = rows["transfer_id"].to_pylist()
-    return rows, dict(zip(names, content_hashes(own), strict=True))
+    return rows, dict(zip(rows["transfer_id"].to_pylist(), content_hashes(own), strict=True))
 
 
 _PART = re.compile(r"part-([0-9a-f]{64})-[0-9a-f]{8}\.parquet")
@@ -198,9 +191,11 @@ def stored_contents(store: ContentStore[Any]) -> Folder:
             record = codec.decode(content, store.about.record_type, sha256)
         except FileNotFoundError:
             continue  # removed meanwhile
-        except (OSError, pa.ArrowException, CatalogError) as error:
-            damaged = isinstance(error, CatalogError)
-            folder.faults[sha256] = "is damaged" if damaged else f"cannot be read: {error}"
+        except CatalogError:
+            folder.faults[sha256] = "is damaged"
+            continue
+        except (OSError, pa.ArrowException) as error:
+            folder.faults[sha256] = f"cannot be read: {error}"
             continue
         folder.faults[sha256] = "" if codec.is_as_written(content) else "is damaged: a byte was changed"
         if hasattr(record, "samples_sha256"):
@@ -211,10 +206,7 @@ def stored_contents(store: ContentStore[Any]) -> Folder:
 
 
 def changed_files(catalog: Reading) -> Iterator[Fault]:
-    """Files of the tables and their logs, and the catalog's identity, that are not as they were written.
-
-    Of data files the hash is in the name; retired ones count too, while they are there.
-    """
+    """Files of the tables, retired ones too, of their logs and the identity, that are not as written."""
     if not catalog.identity.is_as_written():
         yield f"{catalog.location}/catalog.json", _CHANGED
     for table in catalog.tables.values():

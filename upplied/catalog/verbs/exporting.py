@@ -48,26 +48,16 @@ def export_dataset(
     licence: str,
     attribution: str = "",
 ) -> dict[str, int]:
-    """Write some plans, with all they refer to, as a folder that stands for itself.
+    """Write some plans, with all they refer to, as a folder that stands for itself; rows written, by table.
 
     Parameters
     ----------
-    catalog : Catalog
-    folder : path
-        New, or empty.
-    name : str
-        With its version, as ``airliners-v1``.
+    catalog, folder, name
+        The folder new, or empty; the name with its version, as ``airliners-v1``.
     transfers : DataFrame or sequence of str
         Rows of `Catalog.transfers`, or names of plans.
-    licence : str
-        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words.
-    attribution : str
-        Whom to name.
-
-    Returns
-    -------
-    dict
-        Rows written, by table.
+    licence, attribution : str
+        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words; whom to name.
     """
     place = new_folder(folder)
     if not _NAME.fullmatch(name):
@@ -84,20 +74,19 @@ def export_dataset(
     wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
     wanted |= {*plans["parts_told_by"].dropna()} - {""}
     structures = _only(catalog.structures(every=True), "structure_id", wanted)
-    tables = {
-        "structures": iter([_table("structures", structures)]),
-        "demonstrations": iter([_table("demonstrations", demonstrations)]),
-        "poses": checked_steps(catalog, "poses", demonstrations),
-        "transfers": iter([_table("transfers", plans)]),
-        "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
+    frames = {"structures": structures, "demonstrations": demonstrations, "transfers": plans}
+    tables: dict[str, Iterable[pa.Table]] = {
+        name: [pa.Table.from_pandas(rows, TABLES[name].schema, preserve_index=False)]
+        for name, rows in frames.items()
     }
+    tables["poses"] = checked_steps(catalog, "poses", demonstrations)
+    tables["waypoints"] = checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0])
     try:
-        counts = {name: write(place / f"{name}.parquet", TABLES[name], rows) for name, rows in tables.items()}
+        counts = {name: write(place / f"{name}.parquet", TABLES[name], tables[name]) for name in EXCHANGED}
     except OSError as error:
         raise CatalogError(str(place), f"cannot be written: {error}", "", "free space or rights") from None
-    rows = {"structures": structures, "transfers": plans}
     for kind, table, column in NAMED_CONTENTS:
-        for sha256 in sorted({*rows[table][column]} - {""}) if table in rows else ():
+        for sha256 in sorted({*frames[table][column]} - {""}) if table in frames else ():
             _put(catalog, place, kind, sha256)
     splits = splits_of(catalog, plans.to_dict("records"))
     replace_file(place / "splits.json", json.dumps(splits, indent=1))
@@ -106,7 +95,6 @@ def export_dataset(
 
 
 def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
-    """Write what is kept by its content, and the samples that it names."""
     path = place / kind / file_name(sha256)
     if not path.exists():
         record = catalog.contents[kind].get(sha256)
@@ -116,12 +104,7 @@ def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
 
 
 def _only(frame: pd.DataFrame, column: str, names: Any) -> pd.DataFrame:
-    """The newest version of each, retired or not."""
-    return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")
-
-
-def _table(name: str, frame: pd.DataFrame) -> pa.Table:
-    return pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
+    return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")  # retired or not
 
 
 def new_folder(folder: str | os.PathLike[str]) -> Path:
@@ -139,11 +122,8 @@ def names_of(transfers: pd.DataFrame | Sequence[str]) -> list[str]:
 
 def describe(place: Path, about: dict[str, Any]) -> None:
     """Write what a person and a program need to know of the folder; `dataset.json` last."""
-    about |= {
-        "schema_version": SCHEMA_VERSION,
-        "made_by": f"upplied {upplied.__version__}",
-        "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
+    about |= {"schema_version": SCHEMA_VERSION, "made_by": f"upplied {upplied.__version__}"}
+    about["made_at"] = datetime.now(UTC).isoformat(timespec="seconds")
     lines = [f"- {count} rows in `{table}.parquet`" for table, count in about["rows"].items()]
     whom = f" Please name: {about['attribution']}." if about["attribution"] else ""
     text = resources.files(__package__).joinpath("texts", "dataset.md").read_text(encoding="utf-8")
@@ -156,10 +136,7 @@ def describe(place: Path, about: dict[str, Any]) -> None:
 
 
 def check_files(place: Path) -> tuple[str, set[str]]:
-    """Compare the files with their hashes; the dataset's name (else the folder's), and the files' names.
-
-    One missing, changed or unlisted is an error.
-    """
+    """The dataset's name (else the folder's) and its files, of which none is missing, changed or unlisted."""
     try:
         if not (path := place / DATASET).is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
             raise OSError("it is no file, or too large")
@@ -170,8 +147,7 @@ def check_files(place: Path) -> tuple[str, set[str]]:
     if version > SCHEMA_VERSION:
         fault = f"has schema version {version}"
         raise CatalogError(str(place), fault, f"at most {SCHEMA_VERSION}", "use a newer version")
-    needed = {f"{name}.parquet" for name in EXCHANGED}
-    for name in sorted(needed | set(files)):
+    for name in sorted({f"{table}.parquet" for table in EXCHANGED} | set(files)):
         path = place / name
         if name not in files or _relative(place, path) != name or ".." in Path(name).parts:
             raise CatalogError(f"{place}: {name[:200]}", "is not listed, or lies outside the folder")
@@ -198,8 +174,7 @@ def splits_of(
 ) -> dict[str, dict[str, dict[str, list[Any]]]]:
     """What is for training of some plans and demonstrations (all in use): the content of ``splits.json``.
 
-    By structure: none on two sides, each kind on all where it has enough members; by kind: one after the
-    other left out.
+    By structure: none on two sides, each kind on all where it has enough members; by kind: each left out.
     """
     kinds, flights = kinds_of(catalog), catalog.demonstrations()
     flown = dict(zip(flights["demonstration_id"], flights["structure_id"], strict=True))
@@ -226,8 +201,7 @@ def splits_of(
 
 def kinds_of(catalog: Catalog) -> dict[str, str]:
     """The kind of each structure in the fleet."""
-    structures = catalog.structures()
-    return dict(zip(structures["structure_id"], structures["kind"], strict=True))
+    return dict(catalog.structures()[["structure_id", "kind"]].itertuples(index=False, name=None))
 
 
 def split_of(kinds: Mapping[str, str]) -> dict[str, str]:

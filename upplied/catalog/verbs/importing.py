@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.schema import codec, plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import run_starts, unlike
-from upplied.catalog.schema.tables import TABLES, in_schema, missing, upgraded
+from upplied.catalog.schema.tables import TABLES, in_schema, upgraded
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
 from upplied.catalog.verbs.exporting import DATASET, EXCHANGED, check_files
 from upplied.catalog.verbs.ordering import by_commit
@@ -36,29 +37,20 @@ def import_dataset(
     replace: bool = False,
     measured: Callable[[Recipe, Plan], Measures] | None = None,
 ) -> dict[str, int]:
-    """Take the content of an exported folder into a catalog, after checking all of it.
+    """Take the content of an exported folder into a catalog, after checking all; rows added, by table.
+
+    A folder that is not whole, does not match its hashes, or contradicts itself or the catalog is a
+    `CatalogError`; nothing is added then.
 
     Parameters
     ----------
-    catalog : Catalog
-    folder : path
+    catalog, folder
     replace : bool
         Let structures and demonstrations that are here under the same names with another content
         become newer versions; otherwise that is an error.
     measured : callable
         Computes the measures of a plan anew, from what it was made from; one that says other ones is an
         error. Without it nothing proves the measures of a dataset, and `imported_from` tells so.
-
-    Returns
-    -------
-    dict
-        Rows added, by table; zeros where everything was known.
-
-    Raises
-    ------
-    CatalogError
-        If the folder is not whole, does not match its hashes, or contradicts itself or the
-        catalog. Nothing is added then.
     """
     place = Path(folder)
     dataset, listed = check_files(place)
@@ -72,14 +64,10 @@ def import_dataset(
             for value in tables[name][column].unique().to_pylist():
                 check_id(value, f"{place}: {name}.{column}")
     steps = {name: _by_owner(tables[name]) for name in ("poses", "waypoints")}
-    structures = [
-        rows.structure_of(row, _stored(place, listed, "meshes", row["mesh_sha256"]))
-        for row in by_commit(tables["structures"])
-    ]
-    demonstrations = [
-        rows.demonstration_of(row, _steps(place, steps["poses"], "poses", row))
-        for row in by_commit(tables["demonstrations"])
-    ]
+    mesh, poses = partial(_stored, place, listed, "meshes"), partial(_steps, place, steps["poses"], "poses")
+    structures = [rows.structure_of(row, mesh(row["mesh_sha256"])) for row in by_commit(tables["structures"])]
+    flown = by_commit(tables["demonstrations"])
+    demonstrations = [rows.demonstration_of(row, poses(row)) for row in flown]
     plans = tables["transfers"].to_pylist()
     for row in plans:
         if plan_rows.transfer_id(row["key"]) != row["transfer_id"]:
@@ -89,8 +77,7 @@ def import_dataset(
         row["imported_from"] = f"{dataset}, {plan_rows.AS_IT_SAYS}"
     if measured is not None:
         anew = _measured_anew(place, plans, steps["waypoints"], structures, demonstrations, measured)
-        for row, left in anew:
-            but_for = f", but for {', '.join(left)}" if left else ""
+        for row, but_for in anew:
             row["imported_from"] = f"{dataset}, measures computed again{but_for}"
     new_structures = _unknown(catalog.create(), "structures", structures, replace)
     new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
@@ -112,7 +99,7 @@ def _measured_anew(
     structures: list[Structure],
     demonstrations: list[Demonstration],
     measured: Callable[[Recipe, Plan], Measures],
-) -> Iterator[tuple[Row, list[str]]]:
+) -> Iterator[tuple[Row, str]]:
     """Compare the measures of every plan with what its trajectory gives; each with those it does not tell."""
     known = {item.structure_id: item for item in structures}
     flights = {item.demonstration_id: item for item in demonstrations}
@@ -127,9 +114,8 @@ def _measured_anew(
             raise CatalogError(what, "cannot be measured again: the dataset has other versions of its inputs")
         settings = settings_of(row["settings_json"])
         plan = plan_rows.plan_of(row, waypoints[row["transfer_id"], row["commit_id"]])
-        siblings = tuple(
-            known[name] for name, sha256 in siblings_of(row) if name in known and known[name].sha256 == sha256
-        )
+        told_by = [(name, sha256) for name, sha256 in siblings_of(row) if name in known]
+        siblings = tuple(known[name] for name, sha256 in told_by if known[name].sha256 == sha256)
         if plan.parts_told_by and plan.parts_told_by not in {one.structure_id for one in siblings}:
             lacking = f"the dataset has no {plan.parts_told_by} as it labelled its parts"
             raise CatalogError(what, f"cannot be measured again: {lacking}")
@@ -141,16 +127,15 @@ def _measured_anew(
                 left.append(item.name)
             elif not np.isclose(says, is_so, _SAME, _SAME, equal_nan=True):
                 raise CatalogError(what, f"{item.name} is stated as {says:g}, and is {is_so:g}")
-        yield row, left
+        yield row, f", but for {', '.join(left)}" if left else ""
 
 
 def _read(place: Path, name: str) -> pa.Table:
-    """Rows of a table, exported by this or an earlier program."""
     what = str(place / f"{name}.parquet")
     try:
         exported = pq.read_table(what)
-        lacking = missing(TABLES[name], exported.schema.names)
-        if lacking:
+        there = {*exported.schema.names, "commit_version", "added_at"}  # which older rows are filled with
+        if lacking := [c.name for c in TABLES[name].columns if c.required and c.name not in there]:
             raise CatalogError(what, f"has not the declared columns: no {', '.join(lacking)}")
         return upgraded(TABLES[name], in_schema(exported, TABLES[name].schema))
     except (OSError, pa.ArrowException) as error:
@@ -158,28 +143,23 @@ def _read(place: Path, name: str) -> pa.Table:
 
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
-    """Steps by owner and commit, in order."""
-    owner = [key := steps.schema.names[0], "commit_id"]
+    owner = [steps.schema.names[0], "commit_id"]
     ordered = steps.sort_by([(name, "ascending") for name in (*owner, "seq")])
-    starts = run_starts(ordered, (key, "commit_id"))
-    names = ordered.select(owner).take(pa.array(starts)).to_pylist()
-    counts = np.diff(starts, append=len(ordered)).tolist()
-    parts = zip(names, starts.tolist(), counts, strict=True)
-    return {(row[key], row["commit_id"]): ordered.slice(first, count) for row, first, count in parts}
+    starts = run_starts(ordered, owner)
+    ids, commits = (ordered[name].take(pa.array(starts)).to_pylist() for name in owner)
+    parts = map(ordered.slice, starts.tolist(), np.diff(starts, append=len(ordered)).tolist())
+    return dict(zip(zip(ids, commits, strict=True), parts, strict=True))
 
 
 def _steps(place: Path, owned: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
-    """The steps of a row, checked against it."""
-    key = TABLES[name].names[0]
-    owner = (row[key], row["commit_id"])
+    owner = row[TABLES[name].names[0]], row["commit_id"]
     steps = owned.get(owner, TABLES[name].schema.empty_table())
     if any(unlike(name, steps, {owner: (row[f"n_{name}"], row[f"{name}_sha256"])})):
-        raise CatalogError(f"{place}: {name} of {row[key]}", "do not match their row")
+        raise CatalogError(f"{place}: {name} of {owner[0]}", "do not match their row")
     return steps
 
 
 def _stored(place: Path, listed: set[str], kind: str, sha256: str) -> Any:
-    """The record that a dataset keeps in a file by its content."""
     name = f"{kind}/{file_name(sha256)}"
     if name not in listed:  # and so was not checked
         rule, remedy = f"what plans name is in {DATASET}", "export the dataset again"
@@ -204,8 +184,7 @@ def _unknown(catalog: Catalog, name: str, records: list[Any], replace: bool) -> 
     """Those that no version here says the same as; the others are left as they are."""
     key = TABLES[name].names[0]
     every = catalog.structures(every=True) if name == "structures" else catalog.demonstrations(every=True)
-    known = {(row[key], row["sha256"]) for row in every[[key, "sha256"]].to_dict("records")}
-    names = set(every[key])
+    known, names = set(every[[key, "sha256"]].itertuples(index=False, name=None)), set(every[key])
     new = [record for record in records if (getattr(record, key), record.sha256) not in known]
     clashes = sorted(getattr(record, key) for record in new if getattr(record, key) in names)
     if clashes and not replace:

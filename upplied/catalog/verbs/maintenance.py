@@ -36,7 +36,6 @@ SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row w
 CACHE_BYTES = 20 << 30
 TARGET_BYTES = 64 << 20  # of a data file
 DECODED_BYTES = 256 << 20  # of its rows in memory, where merging holds them some three times
-_ROWS_WEIGHED = 100
 _MANY = 16  # files that are merged while a table is written; their rows differ by less than so many times
 _TIDIED_BYTES = 16 << 20  # of rows in memory: a writer has little to spare; the rest is for `merge`
 
@@ -56,27 +55,16 @@ class Removed:
 
 
 def compact(catalog: Reading) -> dict[str, int]:
-    """Merge small data files, in the order of commits; returns how many files were merged, by table.
-
-    Readers and writers go on meanwhile, and older versions can still be asked for.
-    """
+    """Merge small data files, in the order of commits, while others read and write; how many, by table."""
     return {name: merge(table, TARGET_BYTES) for name, table in catalog.tables.items()}
 
 
 def vacuum(catalog: Reading, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Removed:
     """Remove what nobody can ask for any more.
 
-    That is: data files that were merged or whose version is older than `keep_days`; points and
-    unfinished files of stopped writers, and what their plans see; jobs of killed runs; cache entries unused
-    for longest beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    keep_days : float
-        Versions younger than this can still be asked for; at least an hour, so that the files of
-        writers at work are left alone.
-    cache_bytes : int
+    That is: data files that were merged or whose version is older than `keep_days`, at least an hour, so that
+    files of writers at work stay; points and unfinished files of stopped writers, and what their plans see;
+    jobs of killed runs; cache entries unused for longest beyond `cache_bytes`. Rows are never removed.
     """
     hours = keep_days * 24
     if not hours >= SHORTEST_KEEP_HOURS:
@@ -109,8 +97,8 @@ def _drop_unnamed(
     """Remove files older than a moment that no row names in these columns of tables; how many."""
     if not (old := files.older(before)):
         return 0
-    columns_read = (catalog.tables[table].read(None, [name])[name] for table, name in columns)
-    named = {sha256 for column in columns_read for sha256 in column.to_pylist()}
+    read = (catalog.tables[table].read(None, [name])[0].to_pylist() for table, name in columns)
+    named = {sha256 for column in read for sha256 in column}
     gone = [name for name in old if name.removesuffix(".parquet") not in named]
     for name in gone:
         files.remove(name)
@@ -127,7 +115,6 @@ def _drop_shards(shards: FileStore, before: datetime) -> int:
 
 
 def _remove_drafts(root: Path, before: datetime) -> int:
-    """Files that stopped writers began and never finished."""
     removed = 0
     for pattern in ("*/*.parquet#*", "*/_delta_log/*.tmp*", "**/.*.draft"):
         for path in root.glob(pattern):
@@ -147,12 +134,9 @@ def merge(table: StoredTable, size_bytes: int) -> int:
 
 
 def tidy(table: StoredTable, version: int) -> None:
-    """Merge small files of a table now and then, beside those who write it; questions stay quick.
-
-    Every sixteenth commit does so, in a thread that only the end of the process waits for, and for files of
-    about one size, so that a row is written again only as its file grows sixteenfold. What hinders it is no
-    matter of the rows.
-    """
+    """Merge small files of a table now and then, beside those who write it; questions stay quick."""
+    # Every sixteenth commit does so, in a thread that only the end of the process waits for, and for files of
+    # about one size, so that a row is written again only as its file grows sixteenfold. Errors are logged.
     beside = table.beside() if version % _MANY == 0 else table
 
     def act() -> None:
@@ -167,11 +151,6 @@ def tidy(table: StoredTable, version: int) -> None:
 
 
 def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
-    """Merge some files; how many.
-
-    Delta-rs does not see that two removals contradict each other, but that both advance one transaction:
-    one fails.
-    """
     if len(chosen) < 2:
         return 0
     # One file after the other, with texts that repeat once: a row's settings alone take kilobytes.
@@ -184,6 +163,7 @@ def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
     sought = [name for name in table.declared.sought if name in rows.column_names]  # not all, of older rows
     added = replace(new_file(FileStore(table.uri), rows, sought), data_change=False)
     removed = [RemoveAction(file["path"], False, now, file["size_bytes"], {}) for file in chosen]
+    # Delta-rs does not see that two removals contradict each other, but that both advance one transaction.
     turns, schema = [Transaction("upplied.maintenance", time.time_ns())], decoded(rows[:0]).schema
     commit = CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=turns)
     delta.create_write_transaction([added, *removed], "append", schema, commit_properties=commit)
@@ -216,15 +196,13 @@ def _of_a_size(table: StoredTable, delta: DeltaTable) -> list[File]:
 
 
 def _files(delta: DeltaTable) -> list[File]:
-    """The data files, oldest first."""
     names = ["path", "size_bytes", "modification_time", "num_records"]
     files = pa.table(delta.get_add_actions()).select(names).to_pylist()
     return sorted(files, key=lambda file: (file["modification_time"], file["path"]))
 
 
-def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> float:
-    """What a row takes in memory, bytes, estimated from some."""
+def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> float:  # in memory, about
     if not files:
         return 0.0
-    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED, use_threads=False)
+    some = table.rows_in(delta, [files[0]["path"]]).head(100, use_threads=False)
     return some.nbytes / max(len(some), 1)

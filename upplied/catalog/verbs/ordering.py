@@ -22,7 +22,6 @@ from upplied.catalog.schema import plan_rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import explained
-from upplied.records import Ints
 
 PAIR = ["demonstration_id", "target_id", "preset"]
 SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
@@ -75,8 +74,7 @@ def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]
 
 def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
     """The row that stands for each of the keys that are known."""
-    # First whether there are any, of one narrow column: most often there are none.
-    known = table.named(ids_of(list(keys)))
+    known = table.named(ids_of(list(keys)))  # of one narrow column: most often there are none
     if not len(known):
         return {}
     rows = in_order(table.read(pc.field("transfer_id").isin(known)), newest=False)
@@ -89,8 +87,7 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
         return []
     where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
     where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
-    newest = in_order(table.read(where, ORDERED), newest=True)
-    current = set(newest["transfer_id"].to_pylist())
+    current = set(in_order(table.read(where, ORDERED), newest=True)["transfer_id"].to_pylist())
     return [row for row in plans if row["transfer_id"] not in current]
 
 
@@ -120,11 +117,13 @@ def settled_plans(
 
 
 def in_order(table: pa.Table, newest: bool) -> pa.Table:
-    """One row per plan, its newest, ordered by pair and commit; with `newest`, the last of each pair alone.
-
-    A failure may be followed, racing writers may add a plan twice, and one may become current again.
-    """
-    pairs, chosen = _pairs(table), np.arange(len(table))
+    """One row per plan, its newest, ordered by pair and commit; with `newest`, the last of each pair."""
+    # A failure may be followed, racing writers may add a plan twice, and one may become current again.
+    pairs, chosen = np.zeros(len(table), np.int64), np.arange(len(table))
+    for name in SLOT:  # a number per row that is the same for the same pair, and grows with its names
+        encoded = table[name].combine_chunks().dictionary_encode()
+        rank = pc.rank(encoded.dictionary).take(encoded.indices).to_numpy().astype(np.int64)
+        pairs = pairs * (1 + len(encoded.dictionary)) + rank
     commit, planned = (table[name].cast(pa.int64()).to_numpy() for name in NEWEST)
     plans = table["transfer_id"].combine_chunks().dictionary_encode()
     if len(plans.dictionary) < len(table):  # of a plan one that is no failure stands, and of those the newest
@@ -135,16 +134,6 @@ def in_order(table: pa.Table, newest: bool) -> pa.Table:
     if newest:
         order = order[np.flatnonzero(np.diff(pairs[order], append=-1))]
     return table.take(order)
-
-
-def _pairs(table: pa.Table) -> Ints:
-    """A number per row that is the same for the same pair, and grows with its names."""
-    number = np.zeros(len(table), np.int64)
-    for name in SLOT:
-        encoded = table[name].combine_chunks().dictionary_encode()
-        rank = pc.rank(encoded.dictionary).take(encoded.indices).to_numpy().astype(np.int64)
-        number = number * (1 + len(encoded.dictionary)) + rank
-    return number
 
 
 Unit = tuple[str, str, str]  # demonstration, target, purpose: of each, one plan is in force
@@ -169,10 +158,6 @@ class Standing:
         """The state of a plan that has a path."""
         return self.state.get(transfer_id, "draft")
 
-    def give(self, plan: str, state: str, row: Row) -> None:
-        """Let a decision give a plan its state."""
-        self.state[plan], self.why[plan] = state, row
-
 
 def unit_of(row: Mapping[str, Any]) -> Unit:
     """Of what a plan, or a decision about it, is one of many."""
@@ -190,20 +175,18 @@ def standing_of(decisions: Iterable[Row]) -> Standing:
             if (row["after"] or "") != now.last.get(unit, ""):
                 now.void.add(row["decision_id"])
                 continue
-            if before is not None and before["transfer_id"] != plan:
-                now.give(before["transfer_id"], "superseded", row)
+            if before is not None and (other := before["transfer_id"]) != plan:
+                now.state[other], now.why[other] = "superseded", row
             now.in_force[unit], now.judged[unit] = row, row["target_sha256"]
-            now.give(plan, "released", row)
-        elif state in ("rejected", "recalled"):
-            if before is not None and before["transfer_id"] == plan:
+        elif before is not None and before["transfer_id"] == plan:
+            if state in ("rejected", "recalled"):
                 del now.in_force[unit]
-            now.give(plan, state, row)
-        elif state == "reviewed" and now.of(plan) in ("draft", "reviewed"):
-            now.give(plan, state, row)
-        elif state == "rechecked" and before is not None and before["transfer_id"] == plan:
-            now.judged[unit] = row["target_sha256"]
-        if state not in ("reviewed", "rechecked"):
+            elif state == "rechecked":
+                now.judged[unit] = row["target_sha256"]
+        if decisive := state in ("released", "rejected", "recalled"):
             now.last[unit] = row["decision_id"]
+        if decisive or (state == "reviewed" and now.of(plan) in ("draft", "reviewed")):
+            now.state[plan], now.why[plan] = state, row
     return now
 
 
@@ -216,10 +199,9 @@ def with_states(plans: pd.DataFrame, now: Standing) -> pd.DataFrame:
     values |= {f"state_{name}": ("", [row[name] for row in why]) for name in ("by", "note")}
     values["state_at"] = (pd.NaT, [row["added_at"] for row in why])
     known = {}
-    for name, (usual, of_decided) in values.items():
-        if name in plans or name == "state":
-            known[name] = pd.Series(usual, plans.index, dtype=object)
-            known[name].loc[decided.index] = of_decided
+    for name in [name for name in values if name in plans or name == "state"]:
+        known[name] = pd.Series(values[name][0], plans.index, dtype=object)
+        known[name].loc[decided.index] = values[name][1]
     known["state"] = known["state"].where(plans["status"] == "ok", "")
     if "state_at" in known:
         known["state_at"] = pd.to_datetime(known["state_at"], utc=True)

@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from itertools import accumulate, groupby, pairwise
 from operator import itemgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -25,11 +26,13 @@ from upplied.catalog.schema.steps import checked
 from upplied.catalog.schema.tables import MOMENT, SCHEMA_VERSION, TABLES, Table
 from upplied.catalog.store.chain import decoded
 from upplied.catalog.verbs import custody, queries
-from upplied.catalog.verbs.generations import Before, Generation
 from upplied.catalog.verbs.ordering import DERIVED, PAIR
 from upplied.catalog.verbs.queries import NAMED
 from upplied.checks import check_id
 from upplied.config import digest
+
+if TYPE_CHECKING:
+    from upplied.catalog.verbs.published import Before, Generation
 
 Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
 Weights = dict[str, int]  # of each kind: rows, or steps, by which its files are cut
@@ -59,7 +62,6 @@ def plans_of(catalog: Catalog, was: Before, now: Generation) -> Named:
 
 
 def _weights(name: str, rows: pd.DataFrame) -> Weights:
-    """How many rows, or steps, there are of each kind."""
     kinds = rows.groupby("kind")
     counts = kinds.size() if name == "transfers" else kinds[f"n_{name}"].sum()
     return {str(kind): int(count) for kind, count in counts.items()}
@@ -122,7 +124,6 @@ def files_of(now: Generation, plans: pd.DataFrame, frames: dict[str, pd.DataFram
 
 
 def _step_files(name: str, owners: pd.DataFrame, weights: Weights) -> Files:
-    """The files of the steps of these owners, each with its `kind` and `target_id`."""
     key, count = TABLES[name].names[0], f"n_{name}"
     owners = owners.loc[owners[count] > 0, [key, "commit_id", f"{name}_sha256", count, "kind", "target_id"]]
     order = pc.sort_indices(pa.array(owners[key], pa.string())).to_numpy()  # of each there is one row
@@ -139,8 +140,7 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weights: Weights) 
     """Rows by file, in so many files as all rows weigh; each is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
-    texts = queries.named(rows, columns)
-    files: Files = {}
+    texts, files = queries.named(rows, columns), Files()
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
         count = _count(name, weights[kind])
@@ -148,13 +148,11 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weights: Weights) 
         bucket = np.array([zlib.crc32(target.encode()) % count for target in targets.tolist()])[number]
         order = np.argsort(bucket, kind="stable")
         held, bucket = texts.take(pa.array(at[order])).to_pylist(), bucket[order]
-        ends = [*(np.flatnonzero(np.diff(bucket)) + 1), len(order)]
-        for first, end in pairwise([0, *ends]):
+        for first, end in pairwise([0, *(np.flatnonzero(np.diff(bucket)) + 1), len(order)]):
             sha256 = hashlib.sha256("\n".join([made_of, *held[first:end]]).encode()).hexdigest()
             file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
             files[file] = rows.iloc[at[order[first:end]]]
-    nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": rows[:0]}
-    return files if any(weights.values()) else nothing
+    return files if any(weights.values()) else {f"{name}.parquet/none-{made_of[:16]}.parquet": rows[:0]}
 
 
 def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
@@ -211,7 +209,6 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
 
 
 def _lots(files: Files, weights: Iterable[float], most: int) -> Iterator[list[str]]:
-    """Some files at a time, of about so much weight."""
     numbered = zip((held // most for held in accumulate(weights)), files, strict=True)
     for _, lot in groupby(numbered, itemgetter(0)):
         yield [file for _, file in lot]

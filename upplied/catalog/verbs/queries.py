@@ -17,12 +17,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from upplied.catalog.schema import rows
-from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.rows import ADDED, Row
 from upplied.catalog.schema.steps import checked
 from upplied.catalog.schema.tables import MOMENT
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.verbs.ordering import NEWEST, PAIR
+from upplied.catalog.verbs.ordering import COMMIT, NEWEST, PAIR
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Bools, Floats, Trajectory
 
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 When = datetime | str
+Equal = Mapping[str, str | None]  # column -> its text; any where it is None
 
 NAMED = ["transfer_id", "commit_id", *NEWEST]  # what tells a row of `transfers` from all others
 _FEW = 0.25  # share of the rows up to which they are looked for by name
@@ -46,7 +46,7 @@ class Units(dict[str, str]):
 def frame(table: pa.Table) -> pd.DataFrame:
     """A DataFrame; the unit of each column is in ``frame.attrs["units"]``."""
     rows = table.to_pandas()
-    units = {field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata}
+    units = ((field.name, field.metadata[b"unit"].decode()) for field in table.schema if field.metadata)
     rows.attrs["units"] = Units(units)
     return rows
 
@@ -61,9 +61,9 @@ def moment(when: When) -> pd.Timestamp:
     return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
 
 
-def until(column: str, as_of: When | None) -> ds.Expression | None:
-    """The rows until a moment, by a column of times; all where none is asked for."""
-    return None if as_of is None else pc.field(column) <= pa.scalar(moment(as_of), pa.timestamp("us", "UTC"))
+def until(as_of: When | None) -> ds.Expression | None:
+    """The rows that were added until a moment; all where none is asked for."""
+    return None if as_of is None else pc.field("added_at") <= pa.scalar(moment(as_of), MOMENT)
 
 
 class PlannedTrajectory(Trajectory):
@@ -76,9 +76,7 @@ class PlannedTrajectory(Trajectory):
         return poses.interpolate(self, np.atleast_1d(np.asarray(t_s, float)))
 
 
-def matching(
-    equal: Mapping[str, str | None], among: Mapping[str, Iterable[str] | None] | None = None
-) -> ds.Expression | None:
+def matching(equal: Equal, among: Mapping[str, Iterable[str] | None] | None = None) -> ds.Expression | None:
     """The rows whose columns are equal to these texts, or among these, where any are asked for."""
     parts = [pc.field(name) == value for name, value in equal.items() if value is not None]
     for name, values in (among or {}).items():
@@ -134,14 +132,10 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     return checked(declared.name, own_steps.take(pc.sort_indices(own_steps["seq"])), stated)
 
 
-def versions(
-    table: StoredTable, equal: Mapping[str, str | None], every: bool, as_of: When | None
-) -> pd.DataFrame:
+def versions(table: StoredTable, equal: Equal, every: bool, as_of: When | None) -> pd.DataFrame:
     """Versions of each id counted in the order of commits, then narrowed to what was asked."""
     name = table.declared.names[0]
-    versions = frame(table.read(until("added_at", as_of))).sort_values(
-        [name, "commit_version", "added_at", "commit_id"], kind="stable"
-    )
+    versions = frame(table.read(until(as_of))).sort_values([name, *COMMIT], kind="stable")
     versions = versions[~_repeated(versions)]  # two writers may add the same version at once
     versions["version"] = versions.groupby(name).cumcount() + 1
     if not every:
@@ -159,18 +153,14 @@ def _repeated(ordered: pd.DataFrame) -> Bools:
     again = np.flatnonzero(names == names.shift())  # versions of one id, which are few
     repeated = np.zeros(len(ordered), bool)
     if len(again):
-        pairs = (ordered.iloc[at].drop(columns=list(rows.ADDED)) for at in (again, again - 1))
+        pairs = (ordered.iloc[at].drop(columns=list(ADDED)) for at in (again, again - 1))
         now, before = (each.reset_index(drop=True) for each in pairs)
         repeated[again] = ((now == before) | (now.isna() & before.isna())).all(axis=1)
     return repeated
 
 
 _INPUTS = ("demonstration", "source", "target", "settings")
-_METHOD = {
-    "method_version": "method changed",
-    "sources_sha256": "planning sources changed",
-    "libraries": "libraries changed",
-}
+_METHOD = {"method_version": "method", "sources_sha256": "planning sources", "libraries": "libraries"}
 _COMPARED = (
     "status", "coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct", "min_clearance_m",
     "frechet_z", "duration_s",
@@ -178,10 +168,7 @@ _COMPARED = (
 
 
 def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
-    """Commits, newest first: when, to which table, its version after it, what was done, rows added.
-
-    All, or the newest `limit`, as far back as the tables keep their log; `as_of` reaches to the first row.
-    """
+    """Commits that logs still have, or `limit`, newest first: when, table, its version, what, rows added."""
     commits = []
     for name, table in catalog.tables.items():
         delta = table.delta()
@@ -190,8 +177,7 @@ def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
             operation = str(commit.get("doing", commit.get("operation", ""))).lower()
             operation = {"write": "add", "create table": "create"}.get(operation, operation)
             commits.append((at, name, int(commit["version"]), operation, int(commit.get("rows", 0))))
-    columns = ["at", "table", "version", "operation", "rows_added"]
-    listed = pd.DataFrame(commits, columns=columns)
+    listed = pd.DataFrame(commits, columns=["at", "table", "version", "operation", "rows_added"])
     return listed.sort_values(["at", "table"], ascending=False, kind="stable", ignore_index=True)[:limit]
 
 
@@ -199,42 +185,35 @@ def runs(catalog: Catalog) -> pd.DataFrame:
     """Runs that planned, newest first: when, how many plans of which outcome, by which code."""
     columns = ["run_id", "status", "planned_at", "code_version", "method_version"]
     rows = catalog.transfers(every=True, columns=columns)
-    counts = pd.crosstab(rows["run_id"], rows["status"]).reindex(
-        columns=["ok", "refused", "failed"], fill_value=0
-    )
-    first = rows.groupby("run_id").agg(
-        first_at=("planned_at", "min"),
-        last_at=("planned_at", "max"),
-        code_version=("code_version", "last"),
-        method_version=("method_version", "last"),
-    )
+    counts = pd.crosstab(rows["run_id"], rows["status"])
+    counts = counts.reindex(columns=["ok", "refused", "failed"], fill_value=0)
+    told = {"first_at": ("planned_at", "min"), "last_at": ("planned_at", "max")}
+    first = rows.groupby("run_id").agg(**told, **{name: (name, "last") for name in columns[3:]})
     return first.join(counts).sort_values("last_at", ascending=False).reset_index()
 
 
 def diff(catalog: Catalog, before: When | int, after: When | int | None = None) -> pd.DataFrame:
-    """What is different between two moments, one row per change, worst loss of coverage first.
+    """What is different between two moments, or versions of `transfers`; `after` is now where it is not said.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    before, after : datetime, str or int
-        A moment, or a version of `transfers`; `after` is now where it is not said.
-
-    Returns
-    -------
-    DataFrame
-        demonstration_id, target_id, preset, change (added, replanned, gone), why (which inputs
-        changed), and for each measure its value before, after, and the difference.
+    One row per change, worst loss of coverage first: demonstration_id, target_id, preset, change (added,
+    replanned, gone), why (which inputs changed), and for each measure its value before, after, and the
+    difference.
     """
     sides = [_current(catalog, before), _current(catalog, after)]
     joined = sides[0].merge(sides[1], how="outer", on=PAIR, suffixes=("_before", "_after"), indicator=True)
     replanned = joined["transfer_id_before"] != joined["transfer_id_after"]
     joined = joined[replanned].reset_index(drop=True)
     names = {"left_only": "gone", "right_only": "added", "both": "replanned"}
-    changes = joined[PAIR].assign(change=joined["_merge"].map(names).astype(str), why=_why(joined))
+    why = pd.Series("", index=joined.index, dtype=object)  # which inputs changed, in words
+    for column, name in ({f"{name}_sha256": name for name in _INPUTS} | _METHOD).items():
+        changed = (joined["_merge"] == "both") & (joined[f"{column}_before"] != joined[f"{column}_after"])
+        why[changed] += f", {name} changed"
+    changes = joined[PAIR].assign(
+        change=joined["_merge"].map(names).astype(str), why=why.str.removeprefix(", ")
+    )
     for name in _COMPARED:
-        sides_of = [f"{name}_before", f"{name}_after"]
-        changes[sides_of] = joined[sides_of]
+        before_after = [f"{name}_before", f"{name}_after"]
+        changes[before_after] = joined[before_after]
         if name != "status":
             changes[f"{name}_change"] = joined[f"{name}_after"] - joined[f"{name}_before"]
     return changes.sort_values(["coverage_seen_pct_change", *PAIR], kind="stable").reset_index(drop=True)
@@ -244,14 +223,3 @@ def _current(catalog: Catalog, when: When | int | None) -> pd.DataFrame:
     version, as_of = (when, None) if isinstance(when, int) else (None, when)
     columns = ["transfer_id", *PAIR, *_METHOD, *(f"{name}_sha256" for name in _INPUTS), *_COMPARED]
     return catalog.transfers(version=version, as_of=as_of, columns=columns)
-
-
-def _why(joined: pd.DataFrame) -> pd.Series:
-    """Which inputs changed, in words; empty for what was added or is gone."""
-    both = joined["_merge"] == "both"
-    reasons = pd.Series("", index=joined.index, dtype=object)
-    columns = {f"{name}_sha256": f"{name} changed" for name in _INPUTS} | _METHOD
-    for column, words in columns.items():
-        changed = both & (joined[f"{column}_before"] != joined[f"{column}_after"])
-        reasons[changed] = reasons[changed].where(reasons[changed] == "", reasons[changed] + ", ") + words
-    return reasons

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import pyarrow.compute as pc
 
 from upplied.catalog.database import Catalog
-from upplied.catalog.schema import rows
 from upplied.catalog.schema.plan_rows import fields_in, transfer_row, tuples
-from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.rows import Row, same_named, table_of
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs import ordering
 from upplied.config import Settings, settings_for
@@ -44,34 +43,25 @@ class Recipe:
         again = transfer_row(self.row["key"], plan, {"settings": self.settings})
         names = [
             "status", "reason", "n_viewpoints", "n_waypoints", "waypoints_sha256", "registration_json",
-            "counterpart_summary", "parts_told_by", "warnings", *rows.same_named(Measures, "transfers"),
+            "counterpart_summary", "parts_told_by", "warnings", *same_named(Measures, "transfers"),
         ]  # fmt: skip
-        stored, given = rows.table_of(TABLES["transfers"], [self.row, again]).to_pylist()
+        stored, given = table_of(TABLES["transfers"], [self.row, again]).to_pylist()
         return [name for name in names if stored[name] != given[name]]
 
 
 def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
     """What the plan of this name was made from: the versions of its inputs, and its settings.
 
-    Raises
-    ------
-    CatalogError
-        If an input of that hash is not in the catalog, or the settings are not known to this version.
+    An input of whose hash none is in the catalog, or settings that this version does not know, are an error.
     """
     row = catalog.transfer(transfer_id)
     flown = _version(catalog, "demonstrations", row["demonstration_id"], row["demonstration_sha256"])
-    structures = [
-        _version(catalog, "structures", row[f"{role}_id"], row[f"{role}_sha256"])
-        for role in ("source", "target")
-    ]
-    siblings = [
-        _version(catalog, "structures", name, sha256)
-        for name, sha256 in siblings_of(row)
-        if name == row["parts_told_by"] or _versions(catalog, "structures", name, sha256)
-    ]
-    source, target, *others = map(catalog.structure_of, [*structures, *siblings])
+    named = [(row[f"{role}_id"], row[f"{role}_sha256"]) for role in ("source", "target")]
+    told_by, asked = row["parts_told_by"], siblings_of(row)
+    named += [one for one in asked if one[0] == told_by or _versions(catalog, "structures", *one)]
+    source, target, *siblings = (catalog.structure_of(_version(catalog, "structures", *one)) for one in named)
     settings = settings_of(row["settings_json"])
-    return Recipe(row, catalog.demonstration_of(flown), source, target, settings, tuple(others))
+    return Recipe(row, catalog.demonstration_of(flown), source, target, settings, tuple(siblings))
 
 
 def siblings_of(row: Row) -> list[tuple[str, str]]:
@@ -98,9 +88,7 @@ def _versions(catalog: Catalog, table: str, name: str, sha256: str) -> dict[str,
 
 
 def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
-    """The newest version of that id with that hash."""
-    versions = _versions(catalog, table, name, sha256)
-    if not versions:
+    if not (versions := _versions(catalog, table, name, sha256)):
         what, rule = f"{table[:-1]} {name}", "a plan is reproduced from the inputs it had"
         raise CatalogError(what, f"no version with hash {sha256[:12] or '(none)'} is in the catalog", rule)
     return versions[name]

@@ -1,7 +1,6 @@
 """Who may release plans: a file of names and public keys; and signatures, which are checked offline.
 
-Without it everybody may and nothing is signed. It is ``roster.json`` beside the tables, or
-``UPPLIED_ROSTER``.
+Without it everybody may and nothing is signed. It is ``roster.json`` beside the tables or ``UPPLIED_ROSTER``.
 """
 
 from __future__ import annotations
@@ -21,6 +20,8 @@ from upplied.extras import extra
 from upplied.files import replace_file
 
 _LONGEST = 200  # letters of a name
+_LONGEST_TEXT = 2000  # letters of a class, a severity or a note
+_TURNS = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}  # direction of writing
 _MOST_BYTES = 1 << 20
 #: Of a decision, what is signed.
 _SIGNED = ("decision_id", "transfer_id", "demonstration_id", "target_id", "purpose", "state", "by", "note",
@@ -53,10 +54,9 @@ class Roster:
         folder, self._name = os.path.split(elsewhere or f"{location.rstrip('/')}/roster.json")
         self._files = FileStore(folder or ".")
         self.path = self._files.path(self._name)
-        self.people = self._read(required=bool(elsewhere))
+        self.people = self._read(required=bool(elsewhere))  # everybody; None where there is no roster
 
     def _read(self, required: bool) -> list[Person] | None:
-        """Everybody on the roster; None where there is none."""
         try:
             if not self._files.has(self._name):
                 if required:
@@ -65,10 +65,9 @@ class Roster:
             place = Path(self.path)
             if self._files.local and (not place.is_file() or place.stat().st_size > _MOST_BYTES):
                 raise OSError("it is no file, or too large")
-            document = json.loads(self._files.read(self._name))
-            people = [Person(**one) for one in document["people"]]
+            people = [Person(**one) for one in json.loads(self._files.read(self._name))["people"]]
             for one in people:
-                if not all(isinstance(value, str) for value in asdict(one).values()):
+                if not all(isinstance(value, str) for value in vars(one).values()):
                     raise ValueError("its people are not texts")
                 bytes.fromhex(one.key)
                 check_name(one.name)
@@ -141,22 +140,28 @@ def check_name(name: str) -> str:
         raise SettingsError(what, "has letters that are written otherwise than they look", "", remedy)
     scripts = {unicodedata.name(letter, "").split(" ")[0] for letter in name if letter.isalpha()}
     unseen = "CZM" if scripts & {"LATIN", "CYRILLIC", "GREEK"} or not scripts else "CZ"
-    hidden = [letter for letter in name if unicodedata.category(letter)[0] in unseen and letter != " "]
-    if hidden:
+    if hidden := [each for each in name if unicodedata.category(each)[0] in unseen and each != " "]:
         raise SettingsError(what, f"has {hidden[0]!a}, which nobody sees", "letters, digits, signs", remedy)
     if len(scripts) > 1 and not any(scripts <= mixed for mixed in _TOGETHER):
         raise SettingsError(what, f"mixes {', '.join(sorted(scripts)).lower()} letters", "one script", remedy)
     return name
 
 
+def check_text(what: str, name: str, text: str) -> None:
+    """Refuse a text that is too long, has control letters or turns the direction of writing."""
+    if len(text) > _LONGEST_TEXT:
+        raise SettingsError(what, f"its {name} is longer", f"at most {_LONGEST_TEXT} letters")
+    for letter in text:
+        turns = unicodedata.bidirectional(letter) in _TURNS
+        if turns or (unicodedata.category(letter) in ("Cc", "Cs") and letter not in "\n\t"):
+            remedy = "write it in letters, digits and signs"
+            raise SettingsError(what, f"its {name} has {letter!a}, which nobody sees", "", remedy)
+
+
 def _skeleton(name: str) -> str:
-    """What a name looks like."""
     plain = unicodedata.normalize("NFKD", name.casefold()).translate(_LIKE)
     plain = plain.replace("0", "o").replace("1", "l").replace("i", "l").replace("rn", "m")
     return "".join(letter for letter in plain if letter.isalnum())
-
-
-# --- keys ----------------------------------------------------------------------------------------
 
 
 def _signing() -> tuple[Any, Any, type[Exception]]:
@@ -180,7 +185,7 @@ def new_key(name: str) -> str:
         raise InputError(str(path), "is there already", "one key for a name", "move it away to make another")
     serialization, ed25519, _ = _signing()
     key = ed25519.Ed25519PrivateKey.generate()
-    phrase = _passphrase()
+    phrase = os.environ.get("UPPLIED_KEY_PASSPHRASE", "").encode()
     locked = serialization.BestAvailableEncryption(phrase) if phrase else serialization.NoEncryption()
     content = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, locked)
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -199,9 +204,9 @@ def signature(roster: Roster, decision: Row) -> str:
             what = f"release by {decision['by']!r}"
             raise RefusedError(what, f"there is no key at {path}", "signed", remedy)
         return ""
-    serialization = _signing()[0]
+    serialization, phrase = _signing()[0], os.environ.get("UPPLIED_KEY_PASSPHRASE", "").encode() or None
     try:
-        key = serialization.load_pem_private_key(path.read_bytes(), _passphrase())
+        key = serialization.load_pem_private_key(path.read_bytes(), phrase)
     except (ValueError, TypeError, OSError) as error:
         remedy = "set UPPLIED_KEY_PASSPHRASE where it is encrypted"
         raise InputError(str(path), f"cannot be read: {error}", "a private key, PEM", remedy) from None
@@ -223,7 +228,3 @@ def _verifies(key: str, decision: Row) -> bool:
 
 def _text(decision: Row) -> bytes:
     return json_text({name: decision.get(name) or "" for name in _SIGNED}).encode()
-
-
-def _passphrase() -> bytes | None:
-    return os.environ.get("UPPLIED_KEY_PASSPHRASE", "").encode() or None

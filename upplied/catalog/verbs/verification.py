@@ -63,24 +63,15 @@ class Finding:
 def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     """Check every byte, row, count, reference and hash; an empty list means that all is well.
 
-    Rows are those of every version, not of the current ones alone. Only what is committed counts:
-    points that a stopped writer left behind are no finding.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    heads : collection of str
-        Hashes of rows as they were noted earlier (`custody.chain_heads`), or how these begin: a row that was
-        taken away since is a finding.
+    Rows are those of every version; what a stopped writer left behind and did not commit is no finding.
+    `heads` are hashes of rows as they were noted earlier (`custody.chain_heads`), or how these begin: a row
+    that was taken away since is a finding.
     """
     catalog.identity.required()
-    short = [head for head in heads if len(head) < _LEAST_DIGITS]
-    if short:
+    if short := [head for head in heads if len(head) < _LEAST_DIGITS]:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
     findings = list(_readable(custody.changed_files(catalog)))
-    held: dict[str, pa.Table] = {}
-    unreadable: list[Finding] = []
-    of_rows: list[Finding] = []
+    held, unreadable, of_rows = dict[str, pa.Table](), list[Finding](), list[Finding]()
     for name in [table for table in TABLES if table not in STEPS]:
         try:
             held[name], of_table = _every_row(catalog.tables[name], _held_columns(name))
@@ -89,13 +80,9 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
             unreadable.append(_unreadable(error))
     if unreadable:  # what refers to a table that cannot be read cannot be judged
         return [*findings, *unreadable]
-    findings += of_rows
-    findings += _lost_heads(catalog, heads)
-    findings += _readable(_not_as_released(catalog))
-    findings += _references(held)
+    findings += [*of_rows, *_lost_heads(catalog, heads), *_readable(_not_as_released(catalog))]
     contents = {name: custody.stored_contents(store) for name, store in catalog.contents.items()}
-    findings += _meshes(held, contents)
-    findings += _contents(catalog, held, contents)
+    findings += [*_references(held), *_meshes(held, contents), *_contents(catalog, held, contents)]
     findings += _settings(held["transfers"].select(["transfer_id", *_SETTINGS]))
     for name in ("poses", "waypoints"):
         faults = custody.step_faults(catalog, name, held[STEPS[name]])
@@ -104,7 +91,6 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
 
 
 def _not_as_released(catalog: Catalog) -> Iterator[Fault]:
-    """Plans in force that are not what was released."""
     now = catalog.standing()
     plans = [row["transfer_id"] for row in now.in_force.values()]
     for plan, wrong in custody.alterations(catalog, plans, now).items():
@@ -112,7 +98,6 @@ def _not_as_released(catalog: Catalog) -> Iterator[Fault]:
 
 
 def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
-    """Heads that were noted earlier and that no row has."""
     chained = [table for table in catalog.tables.values() if table.declared.is_chained] if heads else []
     known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256])[0].to_pylist()]
     for head in heads:
@@ -126,8 +111,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
     since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
     key, name = table.declared.names[0], table.declared.name
     values, bare = Values(name, skipped=DERIVED if name == "transfers" else ()), list[str]()
-    held = [encoded(table.declared.schema.empty_table().select(columns))]
-    count = 0
+    held, count = [encoded(table.declared.schema.empty_table().select(columns))], 0
 
     def parts() -> Iterator[pa.Table]:
         nonlocal count
@@ -142,11 +126,10 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
             yield rows
 
     changed = [Finding(f"{name} {row}", wrong) for row, wrong in breaks(table.declared, parts())]
-    findings = [*values.findings(), *changed]
-    findings += [Finding(f"{name} {row}", "has no hash: it was changed after it was written") for row in bare]
+    unhashed = [Finding(f"{name} {row}", "has no hash: it was changed after it was written") for row in bare]
+    findings = [*values.findings(), *changed, *unhashed]
     if count < added:
-        lost = f"has {count} rows, and {added} were added: some were taken away"
-        findings.append(Finding(name, lost))
+        findings.append(Finding(name, f"has {count} rows, and {added} were added: some were taken away"))
     return pa.concat_tables(held).unify_dictionaries(), findings
 
 
@@ -231,15 +214,12 @@ def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
 
 
 def _texts(column: pa.ChunkedArray) -> pa.Array:
-    """The different texts of a column."""
     texts = pc.unique(column)
     return texts.dictionary if pa.types.is_dictionary(texts.type) else texts
 
 
 def _owners(rows: pa.Table, column: str, values: list[str], name: int | str = 0) -> dict[str, list[str]]:
-    """The names of the rows that have each of some values."""
-    texts = rows[column].cast(pa.string())
-    own = rows.filter(pc.is_in(texts, pa.array(values, pa.string())))
+    own = rows.filter(pc.is_in(rows[column].cast(pa.string()), pa.array(values, pa.string())))
     owners: dict[str, list[str]] = {value: [] for value in values}
     for value, owner in zip(own[column].to_pylist(), own[name].to_pylist(), strict=True):
         owners[value].append(owner)
@@ -250,10 +230,9 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
     """Counts of structures that are not those of their meshes."""
     for sha256, rows in held["structures"].to_pandas().groupby("mesh_sha256"):
         counts = contents["meshes"].sizes.get(sha256)
-        wrong = rows[rows[_COUNTS].ne([*counts]).any(axis=1)] if counts else rows[:0]
+        wrong = rows[rows[_COUNTS].ne([*counts]).any(axis=1)]["structure_id"] if counts else ()
         if len(wrong):
-            named = some(wrong["structure_id"])
-            yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {named}")
+            yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {some(wrong)}")
 
 
 def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
@@ -261,11 +240,8 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, F
     place, named = catalog.location.rstrip("/"), set()
     for name, table, column in NAMED_CONTENTS:
         rows = held[table]
-        faults = {
-            sha256: custody.fault_of(contents, name, sha256)
-            for sha256 in _texts(rows[column]).to_pylist()
-            if sha256
-        }
+        hashes = filter(None, _texts(rows[column]).to_pylist())
+        faults = {sha256: custody.fault_of(contents, name, sha256) for sha256 in hashes}
         wrong = {sha256: fault for sha256, fault in faults.items() if fault[1]}
         owner = "structure_id" if table == "structures" else "transfer_id"
         for sha256, owners in _owners(rows, column, list(wrong), owner).items():
@@ -284,8 +260,7 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
     for (text, sha256), rows in as_frame(transfers).groupby(_SETTINGS, observed=True):
         try:
             settings = settings_of(text)
-            known = settings.sha256 == sha256 or settings.text != text
-            wrong = "" if known else "do not match it"
+            wrong = "" if settings.sha256 == sha256 or settings.text != text else "do not match it"
         except (UppliedError, ValueError) as error:
             wrong = f"cannot be read: {error}"
         if wrong:

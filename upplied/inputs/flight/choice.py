@@ -20,9 +20,7 @@ from upplied.inputs.tables import Table, joined
 from upplied.records import Floats
 
 Samples = Callable[[Table, Sequence[Table], LogOptions], Track]
-READERS: dict[str, Samples] = {
-    schema: family.samples for family in (ros, px4, geodetic) for schema in family.SOURCES
-}
+READERS: dict[str, Samples] = {name: it.samples for it in (ros, px4, geodetic) for name in it.SOURCES}
 
 # What was asked of the aircraft, and what went into its estimate: neither is where it flew.
 _COMMANDED = re.compile(r"setpoint|goal|target|cmd|command|desired|reference|plan|initialpose", re.IGNORECASE)
@@ -41,8 +39,7 @@ _NAME_ONE = "name one by publisher: the name of its frame, or #7 for the channel
 def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table | None, list[str]]:
     """The table of poses, several channels of one topic and schema joined; None: only transforms.
 
-    Raises InputError if there is none, or several that contradict each other; it lists all with their
-    rates.
+    Raises InputError, with all sources and their rates, if there is none, or several contradict each other.
     """
     sources = _by_topic([table for table in tables if table.schema in READERS])
     if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
@@ -51,8 +48,7 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
         sources = [table for table in sources if table.channel.topic == facts.topic]
     if facts.schema:
         sources = [table for table in sources if table.schema == facts.schema.replace("/msg/", "/")]
-    usable = [table for table in sources if len(table) > 1]
-    if sources and not usable:
+    if not (usable := [table for table in sources if len(table) > 1]) and sources:
         raise nothing(sources, what)
     if not facts.topic:
         usable = _narrowed(usable, facts)
@@ -122,8 +118,7 @@ def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -
         return usable
     for other in others:
         positions, quats = at_times(first, other.t_ns, facts.gap_s)
-        known = np.isfinite(positions).all(axis=1)
-        if known.mean() < 0.5:
+        if (known := np.isfinite(positions).all(axis=1)).mean() < 0.5:
             return usable
         apart = np.linalg.norm(positions[known] - other.positions[known], axis=1)
         turned = angle_between(quats[known], other.quat_xyzw[known])
@@ -133,10 +128,7 @@ def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -
 
 
 def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Table:
-    """The channels of one topic and schema as one table, or the channel that is named.
-
-    Raises InputError if several channels hold different places at the same time.
-    """
+    """The channels of one topic and schema as one table, or the named one; InputError if they differ."""
     if facts.publisher.startswith("#"):
         named = [table for table in tables if f"#{table.channel.channel_id}" == facts.publisher]
         return joined(named or list(tables))
@@ -151,10 +143,7 @@ def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Tabl
 
 
 def check_one(track: Track, facts: LogOptions, what: str) -> None:
-    """Refuse a track whose samples are of two bodies in turn.
-
-    Raises InputError if two paths through the samples are far shorter than one.
-    """
+    """InputError if the samples are of two bodies in turn: two paths through them are far shorter."""
     if "several-publishers" in facts.allow or len(track) < 40:
         return
     starts = np.linspace(0, max(len(track) - _LOOK, 0), _PLACES).astype(int)
@@ -169,8 +158,7 @@ def _tangled(path: Floats) -> bool:
     whole = float(steps.sum())
     if whole < 1e-6 or np.linalg.norm(path[2:] - path[:-2], axis=1).sum() > _SMOOTH * whole:
         return False
-    far = np.flatnonzero(np.linalg.norm(path - path[0], axis=1) > np.percentile(steps, 60) / 2)
-    if not len(far):
+    if not len(far := np.flatnonzero(np.linalg.norm(path - path[0], axis=1) > np.percentile(steps, 60) / 2)):
         return False
     ends, length, count = path[[0, far[0]]], np.zeros(2), np.zeros(2)
     for place in path:

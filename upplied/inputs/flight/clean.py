@@ -1,7 +1,6 @@
 """From the track of a log to one that can be trusted: what is dropped, where it breaks, and its time.
 
-Long gaps become transits, and long hovering is shortened: otherwise every plan would wait as long as the
-recorder was silent, or the vehicle stood still.
+Long gaps become transits, and long hovering is shortened: otherwise every plan would wait as long.
 """
 
 from dataclasses import dataclass, replace
@@ -30,23 +29,19 @@ REPEATED = "repeated"  # the same sample again: nothing is lost by dropping it
 
 def timed(track: Track) -> Track:
     """The samples with a believable stamp; the others are counted."""
-    track = track.keep(track.t_ns > 0, "no time stamp")
-    if not len(track):
+    if not len(track := track.keep(track.t_ns > 0, "no time stamp")):
         return track
     middle = np.partition(track.t_ns, len(track) // 2)[len(track) // 2]
     return track.keep(np.abs(track.t_ns - middle) <= MAX_SPAN_NS // 2, "stamp of another day")
 
 
 def clean(track: Track, limits: LogOptions, what: str) -> Track:
-    """Drop what is no pose, sort, and drop repeated stamps; every dropped sample is counted.
-
-    Raises InputError if more than the allowed share was dropped, or nothing is left.
-    """
+    """Drop what is no pose, sort, and drop repeated stamps; InputError if too much was dropped, or all."""
     track = steady(timed(track))
     finite = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
     track = track.keep(np.asarray(finite), "not a number")
-    near = np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M
-    track = track.keep(near, "position off the Earth")
+    on_earth = np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M
+    track = track.keep(on_earth, "position off the Earth")
     track = track.keep(are_unit(track.quat_xyzw), "quaternion not of unit length")
     # An attitude that was never set is no turn at all, though others of the flight turn.
     unset = (track.quat_xyzw[:, :3] == 0).all(axis=1) & (np.abs(track.quat_xyzw[:, 3]) == 1)
@@ -73,10 +68,7 @@ def attitude_track(
 
 
 def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
-    """Refuse a track of which too much was dropped, or all.
-
-    Raises InputError with the reasons and their numbers.
-    """
+    """InputError, with the reasons and their numbers, of a track of which too much was dropped, or all."""
     harmless = (REPEATED, UNSET, *(name for name in track.dropped if name.endswith(AT_THE_ENDS)))
     lost = sum(number for reason, number in track.dropped.items() if reason not in harmless)
     if not len(track):
@@ -100,12 +92,11 @@ def silence_s(track: Track, least_s: float) -> float:
 
 def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     """First sample after each gap, jump or reset of the estimator, and in words how many there are."""
-    step_s = np.diff(track.t_ns) * 1e-9
-    gaps = step_s > gap_s
-    resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
+    gaps = np.diff(track.t_ns) * 1e-9 > gap_s
+    resets = np.zeros(len(gaps), bool) if track.epoch is None else np.diff(track.epoch) != 0
     jumps = _jumps(track) & ~gaps & ~resets
-    counts = {"gap": gaps.sum(), "jump": jumps.sum()}
-    counts["estimator reset"] = max(resets.sum() - track.clock_steps, 0)
+    reset = max(resets.sum() - track.clock_steps, 0)
+    counts = {"gap": gaps.sum(), "jump": jumps.sum(), "estimator reset": reset}
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
 
@@ -137,8 +128,7 @@ def steady(track: Track) -> Track:
     """
     if len(track) < 3:
         return track
-    steps = np.union1d(_backwards(track.t_ns), _ahead(track.t_ns, track.log_ns))
-    if not len(steps):
+    if not len(steps := np.union1d(_backwards(track.t_ns), _ahead(track.t_ns, track.log_ns))):
         return track
     usual = int(np.median(np.abs(np.diff(track.t_ns))))
     t_ns, epoch = track.t_ns.copy(), np.zeros(len(track), np.int64)
@@ -155,8 +145,7 @@ def steady(track: Track) -> Track:
 
 def _backwards(t_ns: Ints) -> Ints:
     """Last sample before each step back from which the stamps run on: late messages jump ahead again."""
-    step = np.diff(t_ns)
-    steps: list[int] = []
+    step, steps = np.diff(t_ns), list[int]()
     for at in np.flatnonzero(step < -_TOLERANCE_NS):
         soon = step[at + 1 : at + 1 + _LATE]
         if not (soon > -step[at] / 2).any() and at + 1 - (steps[-1] if steps else -2) > 1:
@@ -168,8 +157,7 @@ def _ahead(t_ns: Ints, log_ns: Ints) -> Ints:
     """Last sample before each step of the stamps that the recorder's clock did not see."""
     if len(t_ns) < 2 * _AROUND or not np.ptp(log_ns):
         return np.empty(0, np.int64)
-    off = t_ns - log_ns
-    steps = []
+    off, steps = t_ns - log_ns, []
     for at in np.flatnonzero((np.abs(np.diff(off)) > 10 * _TOLERANCE_NS) & (np.diff(t_ns) > 0)):
         before, after = off[max(at + 1 - _AROUND, 0) : at + 1], off[at + 1 : at + 1 + _AROUND]
         jump = float(np.median(after) - np.median(before))
@@ -200,7 +188,6 @@ class Pace:
 
     @property
     def words(self) -> list[str]:
-        """What was done, for the notes."""
         words = []
         if self.long_gaps:
             gaps = f"{self.long_gaps} gaps of up to {self.longest_gap_s:.0f} s"
@@ -210,37 +197,28 @@ class Pace:
         return words
 
 
-def paced(
-    track: Track, gap_s: float, settings: PassportSettings, between_s: float = 0.0
-) -> tuple[Track, Pace]:
-    """The clean track of a camera with its gaps and hovers shortened, and what was found.
-
-    Of its gaps `between_s`, s, were recorded, and lie between two inspections.
-    """
-    step_ns = np.diff(track.t_ns)
-    step_m = leg_lengths(track.positions)
+def paced(track: Track, gap_s: float, bounds: PassportSettings, between_s: float = 0.0) -> tuple[Track, Pace]:
+    """A camera's track with shorter gaps and hovers, and what was found, but for `between_s` of it."""
+    step_ns, step_m = np.diff(track.t_ns), leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
-    long = step_ns > max(gap_s, settings.long_gap_s) * 1e9
+    long = step_ns > max(gap_s, bounds.long_gap_s) * 1e9
     moving = step_m[~gap] / np.maximum(step_ns[~gap] * 1e-9, 1e-9)
     moving = moving[moving > 0.1]
     speed = max(float(np.median(moving)) if len(moving) else 0.0, _LEAST_MPS)
     transit_ns = (np.maximum(step_m / speed, gap_s) + 1e-3) * 1e9  # still a gap, so that it stays a break
     shorter = np.where(long, np.minimum(transit_ns, step_ns), step_ns).astype(np.int64)
-    keep, hover_s = _hovers(track, gap, settings.hover_cap_s)
+    keep, hover_s = _hovers(track, gap, bounds.hover_cap_s)
     frozen = (step_m == 0) & (np.diff(track.quat_xyzw, axis=0) == 0).all(axis=1) & ~gap
     cut = np.where(keep[1:], 0, shorter)  # the time that goes with the samples that are cut
     pace = Pace(
         span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 - between_s if len(track) else 0.0,
         recorded_s=float(step_ns[~gap].sum()) * 1e-9,
-        gaps=int(gap.sum()),
-        long_gaps=int(long.sum()),
+        gaps=int(gap.sum()), long_gaps=int(long.sum()),
         longest_gap_s=float(step_ns[gap].max(initial=0)) * 1e-9,
-        skipped_m=float(step_m[gap].sum()),
-        cut_gap_s=float((step_ns - shorter).sum()) * 1e-9,
-        hover_s=hover_s,
-        cut_hover_s=float(cut.sum()) * 1e-9,
+        skipped_m=float(step_m[gap].sum()), cut_gap_s=float((step_ns - shorter).sum()) * 1e-9,
+        hover_s=hover_s, cut_hover_s=float(cut.sum()) * 1e-9,
         frozen_s=float(step_ns[frozen].sum()) * 1e-9,
-    )
+    )  # fmt: skip
     if not pace.words:
         return track, pace
     t_ns = track.t_ns[0] + np.concatenate([[0], np.cumsum(shorter - cut)])

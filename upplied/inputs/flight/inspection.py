@@ -1,11 +1,10 @@
 """The inspection within a log: as given, by the log's `foxglove.Event`, or between stays on the ground.
 
-Ground, climb, transit and return are left out only where the log begins or ends on the ground, standing still
-at its lowest. A log that was started in the air is taken whole, whatever its camera sees.
+Ground, climb, transit and return are left out only where the log begins or ends standing still at its lowest.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,10 +35,7 @@ _GROUND, _INSPECTION = "ground", "inspection"
 def inspected(
     track: Track, tables: Sequence[Table], facts: LogOptions, what: str
 ) -> tuple[Track, list[str], bool]:
-    """The samples of the inspection, in words how they were cut out, and whether start or stop were given.
-
-    Raises InputError if nothing was flown in the time that is given.
-    """
+    """The samples of the inspection (InputError: none), how they were cut, and whether times were given."""
     first = int(track.t_ns.min()) if len(track) else 0
     given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
     if any(value is not None for value in given):
@@ -57,8 +53,8 @@ def inspected(
             break
     if not inside.any():
         seconds = f"0 to {(int(track.t_ns.max()) - first) * 1e-9:.1f} s" if len(track) else "none"
-        rule = f"times within {seconds}"
-        raise InputError(what, f"has no pose within {words}", rule, "correct start and stop")
+        finding, rule = f"has no pose within {words}", f"times within {seconds}"
+        raise InputError(what, finding, rule, "correct start and stop")
     if inside.all():
         return track, [], True
     return track.take(inside), [f"cut to {words}: {int(inside.sum())} of {len(track)} samples"], True
@@ -80,8 +76,7 @@ def _events(tables: Sequence[Table]) -> list[Span]:
     return spans[True] or (spans[False] if len(spans[False]) == 1 else [])
 
 
-@dataclass(frozen=True)
-class Phases:
+class Phases(NamedTuple):
     """What a log holds: parts with their names, each from when to when, s from its first pose."""
 
     parts: tuple[tuple[str, float, float], ...]
@@ -92,9 +87,8 @@ class Phases:
 
     def inspected(self, since_s: Floats) -> Bools:
         """Which times (N,), s, lie in an inspection; each flight that looks at the structure has one."""
-        spans = [(start, stop) for name, start, stop in self.parts if name == _INSPECTION]
-        inside = [(since_s >= start) & (since_s <= stop) for start, stop in spans]
-        return np.asarray(np.any(inside, axis=0))
+        spans = [part[1:] for part in self.parts if part[0] == _INSPECTION]
+        return np.asarray(np.any([(since_s >= start) & (since_s <= stop) for start, stop in spans], axis=0))
 
     def lasting_s(self, name: str) -> float:
         """How long the parts of a name last together, s."""
@@ -102,7 +96,6 @@ class Phases:
 
     @property
     def share(self) -> float:
-        """The inspections' share of the time in the air."""
         aloft_s = self.parts[-1][2] - self.lasting_s(_GROUND)
         return self.lasting_s(_INSPECTION) / max(aloft_s, 1e-9)
 
@@ -124,14 +117,12 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
         return None
     some = np.union1d(some, [len(seconds) - 1])
     met = met_in_the_middle(flown.positions[some], flown.quat_xyzw[some], scene, reach_m)
-    looks = np.asarray(met.any(axis=1), bool)
-    return phases_of(seconds[some], flown.positions[some], looks, scene)
+    return phases_of(seconds[some], flown.positions[some], np.asarray(met.any(axis=1)), scene)
 
 
 def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases | None:
     """The same by stations: (K,), s, (K, 3), m, and which of them look at the structure."""
-    ground = _on_ground(at, places)
-    if not ground.any():
+    if not (ground := _on_ground(at, places)).any():
         return None
     flights = _runs(~ground)
     outs, flying = [], np.zeros(len(at), bool)  # stations at which climbs end; between climb and descent
@@ -142,8 +133,7 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
     distance = scene.distance(places)
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
-    parts: list[tuple[str, float, float]] = []
-    landed_s = 0.0
+    parts, landed_s = list[tuple[str, float, float]](), 0.0
     for (first, stop), out in zip(flights, outs, strict=True):
         seconds, inspects = at[first:stop], good[first:stop]
         begin = first + _begins(seconds, inspects) if first else first

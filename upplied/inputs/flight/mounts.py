@@ -17,16 +17,13 @@ _NOWHERE = np.zeros(3)
 NO_MOUNT = "no camera mount in the log: the camera is taken to look along the body's x axis"
 
 
-def camera_poses(
-    track: Track, facts: LogOptions, tree: Tree, camera_frame: str, gimbal: Gimbal | None
-) -> Track:
-    """Poses of the camera (x forward, y left, z up) from poses of whatever the log tracks.
+def camera_poses(track: Track, facts: LogOptions, tree: Tree, camera: str, gimbal: Gimbal | None) -> Track:
+    """Poses of the camera (x forward, y left, z up) from those of what `facts.body_frame` says is tracked.
 
-    What is tracked is stated by `facts.body_frame`. For a body, the camera is placed by the first of
-    these: the attitude of a gimbal, a mount in the facts, the transforms from the body to
-    the camera's optical frame, and at last the body itself, with the camera looking ahead.
+    On a body the camera is placed by the first of these: the attitude of a gimbal, a mount in the facts, the
+    transforms from the body to its optical frame, and at last the body itself, looking ahead.
     """
-    seen = "optical" in track.child or (track.child and track.child == camera_frame)
+    seen = "optical" in track.child or (track.child and track.child == camera)
     is_mounted = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
     frame = facts.body_frame or ("optical" if seen and not is_mounted else "body")
     if frame == "camera":
@@ -39,7 +36,7 @@ def camera_poses(
         return _on_gimbal(track, gimbal, offset, turn, facts)
     if is_mounted:
         return mounted(track, offset, turn)
-    camera_frame = camera_frame or tree.camera()
+    camera_frame = camera or tree.camera()
     body = ""  # the tracked frame if it carries the camera, else the top of its rigid parts
     if camera_frame:
         carries = track.child and tree.path(camera_frame, track.child)
@@ -51,13 +48,8 @@ def camera_poses(
 
 
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
-    """Poses in the frame in which the structure is placed, through the transforms where it is another.
-
-    Raises InputError if the structure is placed in a frame that the log does not connect with that of the
-    poses.
-    """
-    wanted = facts.frame_id.lstrip("/")
-    if not wanted or track.parent in ("", wanted, STRUCTURE):
+    """Poses in the frame in which the structure is placed; InputError if no transforms lead there."""
+    if not (wanted := facts.frame_id.lstrip("/")) or track.parent in ("", wanted, STRUCTURE):
         return track
     if not tree.path(track.parent, wanted):
         if "frame-unconnected" in facts.allow:
@@ -82,8 +74,7 @@ def in_structure_frame(track: Track, facts: LogOptions) -> Track:
 
 def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
     """Poses of something at `position` (m) and `rotation` on the tracked body; (3,) or (N, 3)."""
-    body = Rotation.from_quat(track.quat_xyzw)
-    positions = track.positions + body.apply(position)
+    positions = track.positions + (body := Rotation.from_quat(track.quat_xyzw)).apply(position)
     return replace(track, positions=positions, quat_xyzw=(body * rotation).as_quat())
 
 
@@ -117,8 +108,7 @@ def registered(
 ) -> tuple[LogOptions, str]:
     """The facts with the structure's pose in the log's frame (least squares, Umeyama 1991), and residuals.
 
-    Raises InputError if there are too few points, a name is no landmark, they lie on a line, or miss
-    theirs by more than `register_m`.
+    Raises InputError if the points are few, no landmarks or on a line, or miss theirs by over `register_m`.
     """
     if not facts.points or structure is None:
         return facts, ""
@@ -152,9 +142,7 @@ def registered(
         rule = f"at most {facts.passport.register_m:g} m"
         finding = f"misses its points after registration: {listed}"
         raise InputError(what, finding, rule, "correct the points, or raise register_m")
-    quat = Rotation.from_matrix(turn.T).as_quat()
-    placed = replace(
-        facts, unit_m=unit, structure_position_m=tuple((-turn.T @ shift).tolist()),
-        structure_quat_xyzw=tuple(quat.tolist()), frame_id=""
-    )  # fmt: skip
+    place, quat = (-turn.T @ shift).tolist(), Rotation.from_matrix(turn.T).as_quat().tolist()
+    placed = replace(facts, unit_m=unit, structure_position_m=tuple(place), structure_quat_xyzw=tuple(quat))
+    placed = replace(placed, frame_id="")
     return placed, f"registered by {len(names)} points at a scale of {unit or 1.0:.6g}: off by {listed}"

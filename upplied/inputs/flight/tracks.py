@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -28,8 +28,7 @@ HOLD_NS = 100_000_000  # how long the first and the last pose are held for anoth
 class Track(Record):
     """Poses of a frame in another: positions and quaternions ``x y z w`` of `child` in `parent`.
 
-    ENU or another frame with z up, and bodies with x forward, y left, z up. Samples that are
-    marked invalid by their source hold NaN.
+    ENU or another frame with z up, bodies with x forward, y left, z up; NaN where the source says invalid.
     """
 
     t_ns: Ints  # (N,) ns, clock of `clock`
@@ -59,9 +58,8 @@ class Track(Record):
 
     def during(self, known: Bools, what: str) -> Track:
         """The samples for which something else is known; missing at the ends it is no fault of the log."""
-        inner = np.flatnonzero(known)
-        ends = np.full(len(self), bool(len(inner)))
-        if len(inner):
+        ends = np.full(len(self), known.any())
+        if len(inner := np.flatnonzero(known)):
             ends[inner[0] : inner[-1] + 1] = False
         return self.keep(~ends, f"no {what}{AT_THE_ENDS}").keep(known[~ends], f"no {what}")
 
@@ -71,21 +69,20 @@ class Track(Record):
 
     def turned(self, turn: Rotation, positions: Floats) -> Track:
         """The same in another frame: turned, at these positions."""
-        quats = (turn * Rotation.from_quat(self.quat_xyzw)).as_quat()
-        return replace(self, positions=positions, quat_xyzw=quats)
+        turned = turn * Rotation.from_quat(self.quat_xyzw)
+        return replace(self, positions=positions, quat_xyzw=turned.as_quat())
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
-        parts: dict[str, Any] = {name: getattr(self, name) for name in _OF_SAMPLES}
-        parts = {name: part if part is None else part[index] for name, part in parts.items()}
-        return replace(self, **parts)
+        parts = ((name, getattr(self, name)) for name in _OF_SAMPLES)
+        return replace(self, **{name: part[index] for name, part in parts if part is not None})
 
 
 def source_times(table: Table, *prefixes: str) -> tuple[Ints, str]:
     """The stamps to use, ns, and their clock: of the source, else when sent, else when received.
 
-    The source's are the first at these paths, where schemas have them if none is named, that are not all
-    zero. A clock that stands still is no clock: stamps that are all zero, or all the same, are passed over.
+    The source's are the first at these paths, by default those of all schemas, that are not all zero. Stamps
+    that are all zero, or all the same, are of no clock and passed over.
     """
     known = (stamps(table, prefix) for prefix in prefixes or _STAMPS)
     own = next((times for times in known if times is not None and times.any()), None)
@@ -154,13 +151,11 @@ class PoseShape(NamedTuple):
 
     @property
     def values(self) -> tuple[str, ...]:
-        """The seven numbers of the pose."""
         turns = (f"{self.rotation}.{axis}" for axis in "xyzw")
         return (*(f"{self.position}.{axis}" for axis in "xyz"), *turns)
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """All paths that are read."""
         named = (f"{self.stamp}.sec", f"{self.stamp}.nanosec", self.parent, self.child)
         return (*filter(None, named), *self.values)
 
@@ -220,8 +215,7 @@ def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
 def groups_of(table: Table, shape: PoseShape) -> dict[tuple[str, str], Ints]:
     """The rows (k,) of each pair of frames."""
     rows: dict[tuple[str, str], list[int]] = {}
-    pairs = zip(names(table, shape.parent).tolist(), names(table, shape.child).tolist(), strict=True)
-    for row, pair in enumerate(pairs):
+    for row, pair in enumerate(zip(names(table, shape.parent), names(table, shape.child), strict=True)):
         rows.setdefault(pair, []).append(row)
     return {pair: np.array(of_pair) for pair, of_pair in rows.items()}
 

@@ -69,8 +69,7 @@ def read_e57(source: Source) -> RawMesh:
 
 def read_pcd(source: Source) -> RawMesh:
     """The points of a PCD file, double precision kept, and their normals where it has them."""
-    data_line = _PCD.search(source.data, 0, 1 << 16)
-    if data_line is None:
+    if (data_line := _PCD.search(source.data, 0, 1 << 16)) is None:
         raise source.error("its header has no DATA line", "a complete PCD")
     lines = [line.split() for line in source.data[: data_line.start()].decode("latin-1").splitlines()]
     header = {words[0]: words[1:] for words in lines if words}
@@ -88,8 +87,7 @@ def read_pcd(source: Source) -> RawMesh:
     except (KeyError, ValueError, IndexError):
         rule = "FIELDS with x y z, SIZE, TYPE, POINTS, DATA"
         raise source.error("its header cannot be understood", rule) from None
-    body, mode = source.data[data_line.end() :], data_line[1].decode()
-    width = int(np.dot(sizes, counts))
+    body, mode, width = source.data[data_line.end() :], data_line[1].decode(), int(np.dot(sizes, counts))
     if mode == "ascii":
         held = len(numbers(body)) / sum(counts)
     elif mode == "binary":

@@ -50,19 +50,15 @@ def read_gltf(source: Source) -> RawMesh:
         matrix = placed[edge["frame_from"]] @ edge["matrix"]
         placed.setdefault(edge["frame_to"], matrix)
         if "geometry" in edge:
-            name = edge["geometry"]
-            piece = loaded["geometry"][name]
+            piece = loaded["geometry"][name := edge["geometry"]]
             vertices = np.asarray(piece["vertices"], float) / scale[name]
             assembly.add(vertices, np.asarray(piece["faces"], np.int64), matrix, name)
-    remarks = counted(
-        (skipped, "primitives of lines and points left aside"),
-        (skinned, "skinned meshes in their pose of rest"),
-    )
+    skins = skinned, "skinned meshes in their pose of rest"
+    remarks = counted((skipped, "primitives of lines and points left aside"), skins)
     return assembly.mesh(unit_m=1.0, up="y", remarks=remarks)
 
 
 def _chunks(source: Source) -> tuple[bytes, bytes]:
-    """The JSON and the binary chunk of a GLB."""
     data = source.data
     version, length = (int.from_bytes(data[at : at + 4], "little") for at in (4, 8))
     if version == 1:
@@ -70,8 +66,7 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
     if version != 2 or length > len(data) or length < 20:
         stated = f"says it is version {version} and {length} bytes long, it has {len(data)}"
         raise source.error(stated, "a complete GLB 2")
-    chunks: dict[bytes, bytes] = {}
-    at = 12
+    chunks, at = dict[bytes, bytes](), 12
     while at + 8 <= length:
         size, kind = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
         if at + 8 + size > length:
@@ -112,16 +107,14 @@ def _check_accessors(source: Source, document: dict, buffers: list[bytes]) -> No
             raise source.error("an accessor reaches beyond its buffer", "a complete file")
         used[index] = max(used.get(index, (0, 0)), (end, step))
     for index, (end, step) in used.items():
-        left = views[index]["byteLength"] - end
-        if left >= max(step, 16):
+        if (left := views[index]["byteLength"] - end) >= max(step, 16):
             finding = f"its accessors leave {left} of {left + end} bytes of a view unused"
             raise source.error(finding, "counts that cover all data")
 
 
 def _plain_tree(source: Source, document: dict) -> int:
     """Make the scene a tree of plain nodes; how many meshes are skinned."""
-    nodes = document.setdefault("nodes", [])
-    if not nodes:
+    if not (nodes := document.setdefault("nodes", [])):
         nodes += [{"mesh": index} for index in range(len(document.get("meshes", [])))]
         document.pop("scenes", None)
     inner = [child for node in nodes for child in node.get("children", [])]
@@ -149,9 +142,9 @@ def _plain_tree(source: Source, document: dict) -> int:
 def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
     """Leave triangles only; what the positions of each are divided by, and how many were left out."""
     scales, skipped, total, accessors = [], 0, 0, document.get("accessors", [])
-    used: set[int] = set()
-    placements = np.bincount([node["mesh"] for node in document["nodes"] if "mesh" in node], minlength=1)
-    for index, mesh in enumerate(document.get("meshes", [])):
+    used, meshes = set[int](), document.get("meshes", [])
+    placed = [node["mesh"] for node in document["nodes"] if "mesh" in node]
+    for mesh, copies in zip(meshes, np.bincount(placed, None, len(meshes)).tolist(), strict=True):
         surfaces = [p for p in mesh["primitives"] if p.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP)]
         skipped += len(mesh["primitives"]) - len(surfaces)
         for primitive in mesh["primitives"]:
@@ -168,9 +161,7 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
             if any("sparse" in accessors[n] or "bufferView" not in accessors[n] for n in named):
                 raise source.error("uses sparse accessors", "plain accessors", "export it without sparse")
             used.update(named)
-            corners = sum(accessors[number]["count"] for number in named)
-            copies = int(placements[index]) if index < len(placements) else 0
-            total += corners * max(copies, 1)
+            total += max(copies, 1) * sum(accessors[number]["count"] for number in named)
             source.most(total, "corners", 1.0, 3_000_000)
             positions = accessors[named[0]]
             scaled = positions.get("normalized") and positions["componentType"] != 5126

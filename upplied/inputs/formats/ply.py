@@ -1,10 +1,5 @@
-"""PLY: elements of declared properties, in text or binary of either byte order.
+"""PLY in text or binary of either byte order, without a library (docs/making/libraries.md)."""
 
-Not by trimesh, which refuses binary files with polygons of several sizes (Blender, CloudCompare), drops what
-follows a damaged number, and cuts concave polygons as fans. Open3D returns no faces of such files.
-"""
-
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,13 +15,7 @@ _TYPES = {
 }  # fmt: skip
 _ORDER = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
-
-
-@dataclass
-class _Element:
-    name: str
-    count: int
-    properties: list[tuple[str, np.dtype, np.dtype | None]]  # name, type, and of lists that of the length
+_Property = tuple[str, np.dtype, np.dtype | None]  # name, type, and of lists that of the length
 
 
 def read_ply(source: Source) -> RawMesh:
@@ -34,28 +23,28 @@ def read_ply(source: Source) -> RawMesh:
     elements, body = _header(source)
     vertices = normals = None
     corners, sizes = np.empty((2, 0), np.int64)
-    for element in elements:
-        least = sum((length or kind).itemsize for _, kind, length in element.properties)
-        if element.count * max(least, 1) > len(body):
-            raise source.error(f"ends before its {element.count} {element.name} rows", "a complete file")
-        names = [name for name, _, _ in element.properties]
-        if not any(length for *_, length in element.properties):
-            layout = np.dtype([(name, kind) for name, kind, _ in element.properties])
-            rows: Any = np.frombuffer(body, layout, element.count) if names else np.empty(0)
-            body = body[element.count * layout.itemsize :]
-            if element.name == "vertex" and {"x", "y", "z"} <= set(names):
+    for element, count, properties in elements:
+        least = sum((length or kind).itemsize for _, kind, length in properties)
+        if count * max(least, 1) > len(body):
+            raise source.error(f"ends before its {count} {element} rows", "a complete file")
+        names = [name for name, _, _ in properties]
+        if not any(length for *_, length in properties):
+            layout = np.dtype([(name, kind) for name, kind, _ in properties])
+            rows: Any = np.frombuffer(body, layout, count) if names else np.empty(0)
+            body = body[count * layout.itemsize :]
+            if element == "vertex" and {"x", "y", "z"} <= set(names):
                 vertices = np.column_stack([rows[axis].astype(float) for axis in "xyz"])
                 if {"nx", "ny", "nz"} <= set(names):
                     normals = np.column_stack([rows[f"n{axis}"].astype(float) for axis in "xyz"])
             continue
-        if element.name in ("vertex", "tristrips"):
-            raise source.error(f"holds {element.name} rows as lists", "plain vertices, faces as lists")
+        if element in ("vertex", "tristrips"):
+            raise source.error(f"holds {element} rows as lists", "plain vertices, faces as lists")
         wanted = next((i for i, name in enumerate(names) if name in _INDICES), -1)
-        if element.name == "face" and (wanted < 0 or element.properties[wanted][2] is None):
+        if element == "face" and (wanted < 0 or properties[wanted][2] is None):
             raise source.error("its faces have no list 'vertex_indices'", "faces as lists of vertices")
-        indices, lengths, used = _lists(source, body, element, wanted)
+        indices, lengths, used = _lists(source, body, element, count, properties, wanted)
         body = body[used:]
-        if element.name == "face":
+        if element == "face":
             corners, sizes = indices, lengths
     if vertices is None:
         raise source.error("has no element 'vertex' with x, y and z", "vertices with x, y, z")
@@ -66,13 +55,12 @@ def read_ply(source: Source) -> RawMesh:
     return RawMesh(vertices, triangles, normals=None if len(sizes) else normals, remarks=remarks)
 
 
-def _header(source: Source) -> tuple[list[_Element], memoryview]:
+def _header(source: Source) -> tuple[list[tuple[str, int, list[_Property]]], memoryview]:
     """The elements, and the body; a body of text as the numbers it holds, in double precision."""
     end = source.data.find(b"end_header", 0, 1 << 16)
-    at = source.data.find(b"\n", end) + 1
-    if end < 0 or not at:
+    if end < 0 or not (at := source.data.find(b"\n", end) + 1):
         raise source.error("its header has no end", "end_header within 64 kB")
-    form, elements = "", []
+    form, elements = "", list[tuple[str, int, list[_Property]]]()
     try:
         for words in (line.split() for line in source.data[:end].decode("latin-1").splitlines()[1:]):
             match words:
@@ -81,14 +69,14 @@ def _header(source: Source) -> tuple[list[_Element], memoryview]:
                 case ["format", form, *_]:
                     continue
                 case ["element", name, count]:
-                    elements.append(_Element(name, int(count), []))
+                    elements.append((name, int(count), []))
                 case ["property", "list", length, kind, name]:
-                    elements[-1].properties.append((name, _kind(kind, form), _kind(length, form)))
+                    elements[-1][2].append((name, _kind(kind, form), _kind(length, form)))
                 case ["property", kind, name]:
-                    elements[-1].properties.append((name, _kind(kind, form), None))
+                    elements[-1][2].append((name, _kind(kind, form), None))
                 case _:
                     raise ValueError(words)
-        if form not in _ORDER or any(element.count < 0 for element in elements):
+        if form not in _ORDER or any(count < 0 for _, count, _ in elements):
             raise ValueError(form)
     except (ValueError, IndexError, KeyError):
         rule = "a header as in the PLY specification"
@@ -105,22 +93,22 @@ def _kind(name: str, form: str) -> np.dtype:
     return np.dtype("f8" if form == "ascii" and name in _TYPES else _ORDER[form] + _TYPES[name])
 
 
-def _lists(source: Source, body: memoryview, element: _Element, wanted: int) -> tuple[Ints, Ints, int]:
+def _lists(
+    source: Source, body: memoryview, element: str, count: int, properties: list[_Property], wanted: int
+) -> tuple[Ints, Ints, int]:
     """The lists of one property, row after row, their lengths, and how many bytes all rows take."""
-    counts = [length for *_, length in element.properties if length is not None]
+    counts = [length for *_, length in properties if length is not None]
     if any(length.kind == "f" and length.itemsize < 8 for length in counts):
         raise source.error("gives the length of a list as a float", "whole numbers")
-    single = np.dtype("V0")  # of a property that is no list
-    forms = [(length or single, kind) for _, kind, length in element.properties]
+    forms = [(length or np.dtype("V0"), kind) for _, kind, length in properties]  # V0: it is no list
     widths = np.array([(form.itemsize, "iuf".find(form.kind), kind.itemsize) for form, kind in forms])
     data, big = np.frombuffer(body, np.uint8), any(length.str[0] == ">" for length in counts)
-    sizes, starts = np.zeros((2, element.count), np.int64)
-    used = _walk(data, widths, wanted, big, sizes, starts)
-    if used < 0:
-        raise source.error(f"ends within its {element.name} rows", "a complete file")
+    sizes, starts = np.zeros((2, count), np.int64)
+    if (used := _walk(data, widths, wanted, big, sizes, starts)) < 0:
+        raise source.error(f"ends within its {element} rows", "a complete file")
     if wanted < 0:
         return sizes[:0], sizes[:0], used
-    kind = element.properties[wanted][1]
+    kind = properties[wanted][1]
     values = _gathered(data, starts, sizes * kind.itemsize).view(kind)
     return whole(values) if kind.kind == "f" else values.astype(np.int64), sizes, used
 
@@ -159,10 +147,7 @@ def _walk(  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def _gathered(  # pragma: no cover - compiled
-    data: np.ndarray, starts: np.ndarray, lengths: np.ndarray
-) -> np.ndarray:
-    """The pieces of data that start so, one after the other."""
+def _gathered(data: np.ndarray, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:  # pragma: no cover
     pieces, at = np.empty(lengths.sum(), np.uint8), 0
     for start, length in zip(starts, lengths):  # noqa: B905 - numba knows no strict
         pieces[at : at + length] = data[start : start + length]

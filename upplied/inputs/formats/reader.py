@@ -8,12 +8,12 @@ import numpy as np
 
 from upplied.errors import UppliedError
 from upplied.inputs.files import table
-from upplied.inputs.formats import clouds, gltf, obj, ply, scenes, stl
+from upplied.inputs.formats import clouds, gltf, obj, ply, scenes
 from upplied.inputs.raw import RawMesh, Source
 from upplied.inputs.repair import used_vertices
 
 READERS: dict[str, Callable[[Source], RawMesh]] = {
-    "ply": ply.read_ply, "stl": stl.read_stl, "obj": obj.read_obj, "off": obj.read_off,
+    "ply": ply.read_ply, "stl": obj.read_stl, "obj": obj.read_obj, "off": obj.read_off,
     "glb": gltf.read_gltf, "gltf": gltf.read_gltf, "dae": scenes.read_collada, "3mf": scenes.read_threemf,
     "pcd": clouds.read_pcd, "las": clouds.read_las, "laz": clouds.read_las, "e57": clouds.read_e57,
 }  # fmt: skip
@@ -30,11 +30,7 @@ _OBJ = re.compile(rb"^[ \t]*(v|f|vn|vt|o|g|mtllib|usemtl)[ \t]+\S", re.MULTILINE
 def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     """What a mesh or point cloud file holds, and the SHA-256 of all bytes read.
 
-    Raises
-    ------
-    InputError
-        Where the file is missing, empty, truncated, of another content than its suffix says, of a
-        format that is not read (with what to do), or where anything in it is not as its format wants.
+    Raises InputError where it is missing, damaged, not what its suffix says, or of a format that is not read.
     """
     source = Source(path)
     suffix = source.path.suffix.lower().removeprefix(".")
@@ -52,7 +48,7 @@ def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     used = used_vertices(raw.triangles, len(raw.vertices))  # points of clouds without a position are dropped
     if not np.isfinite(raw.vertices[used]).all():
         raise source.error("has vertices that are not finite", "finite coordinates")
-    return raw, source.sha256
+    return raw, source.sha256.hexdigest()
 
 
 def _check_content(source: Source, suffix: str) -> None:
@@ -80,8 +76,7 @@ def content_of(data: bytes) -> str:
             if name == "las" and data[104:105] >= b"\x40":  # bits of its point format say that it is packed
                 return "laz"
             return "3mf" if name == "zip" and re.search(rb"(?i)3D/[^\0]{1,200}\.model", data) else name
-    if stl.is_text_stl(data) or (
-        len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
-    ):
+    binary_stl = len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    if binary_stl or obj.is_text_stl(data):
         return "stl"
     return "obj" if b"\0" not in head and _OBJ.search(head) else ""

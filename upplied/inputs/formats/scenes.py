@@ -1,10 +1,4 @@
-"""Scenes in XML: COLLADA (.dae), and 3MF, a zip archive that is read as a stream so that a bomb stays small.
-
-COLLADA not by pycollada, which reads positions in single precision, NaN as 0 and a damaged number as the end,
-needs optional parameters, and cuts polygons as fans; nor by trimesh, which drops skinned meshes in silence.
-3MF not by trimesh, which adds every mesh of a part once for each reference to it, unpacks the whole archive
-whatever its size, and follows every path through components, however many there are.
-"""
+"""Scenes in XML: COLLADA (.dae), and 3MF, a zip archive read as a stream so that a bomb stays small."""
 
 import io
 import zipfile
@@ -20,7 +14,7 @@ from defusedxml import sax
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import plain_xml
-from upplied.inputs.raw import NO_TRIANGLES, Assembly, RawMesh, Source, counted, flatten, integers, numbers
+from upplied.inputs.raw import NO_TRIANGLES, Assembly, RawMesh, Source, counted, flatten, numbers, whole
 from upplied.records import Floats, Ints
 
 _UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
@@ -30,15 +24,15 @@ _LINES = ("lines", "linestrips")
 
 def read_collada(source: Source) -> RawMesh:
     """The scene of a COLLADA file, flattened; each instance of a geometry is a part."""
-    with source.as_xml():
-        root = plain_xml(source.data)
-    if root.tag != "COLLADA":
-        raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
-    return _Reader(source, root).read()
+    return _Reader(source).read()
 
 
 class _Reader:
-    def __init__(self, source: Source, root: Any) -> None:
+    def __init__(self, source: Source) -> None:
+        with source.as_xml():
+            root = plain_xml(source.data)
+        if root.tag != "COLLADA":
+            raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
         self._source, self._root = source, root
         self._by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
         self._geometries: dict[int, tuple[Floats, Ints]] = {}
@@ -59,14 +53,11 @@ class _Reader:
                 name = element.get("name") or element.get("id") or ""
                 assembly.add(*self._geometries[id(mesh)], matrix, name)
         unit, up = self._root.find("asset/unit"), self._root.findtext("asset/up_axis", "").strip()
-        return assembly.mesh(
-            unit_m=1.0 if unit is None else float(unit.get("meter", "1")),
-            up=_UP.get(up, "y"),
-            remarks=counted(*((count, what) for what, count in self._counts.items())),
-        )
+        unit_m = 1.0 if unit is None else float(unit.get("meter", "1"))
+        remarks = counted(*((count, what) for what, count in self._counts.items()))
+        return assembly.mesh(unit_m=unit_m, up=_UP.get(up, "y"), remarks=remarks)
 
     def _children(self, element: Any) -> list[tuple[Any, Floats]]:
-        """Nodes, and what a node or a controller stands for."""
         children = []
         for child in element:
             if child.tag == "node":
@@ -85,7 +76,6 @@ class _Reader:
         return self._by_id[url[1:]]
 
     def _placed(self, element: Any) -> Floats:
-        """Product of the transforms of a node, in their order."""
         matrix = np.eye(4)
         if element.tag == "node":
             for child in element:
@@ -96,8 +86,7 @@ class _Reader:
         return matrix
 
     def _mesh(self, mesh: Any) -> tuple[Floats, Ints]:
-        vertices: list[Floats] = []
-        triangles: list[Ints] = []
+        vertices, triangles = list[Floats](), list[Ints]()
         known: dict[int, tuple[int, Floats]] = {}  # of each source: its first vertex, and its positions
         for group in mesh:
             if group.tag in _LINES:
@@ -125,7 +114,6 @@ class _Reader:
         return np.concatenate([np.empty((0, 3)), *vertices]), np.concatenate([NO_TRIANGLES, *triangles])
 
     def _input(self, group: Any) -> Any:
-        """The source of the positions of a group of faces."""
         for item in group.findall("input"):
             if item.get("semantic") == "VERTEX":
                 for inner in self._target(item, "source").findall("input"):
@@ -134,7 +122,6 @@ class _Reader:
         raise self._source.error("holds faces without positions", "an input VERTEX with an input POSITION")
 
     def _corners(self, group: Any) -> tuple[Ints, Ints]:
-        """Vertex indices and the number of corners of each face of a group."""
         offsets = [(item.get("semantic"), int(item.get("offset", "0"))) for item in group.findall("input")]
         stride = 1 + max(at for _, at in offsets)
         offset = next(at for what, at in offsets if what == "VERTEX")
@@ -142,12 +129,12 @@ class _Reader:
             raise ValueError("offsets out of all proportion")
         rings = group.findall("p") + group.findall("ph/p")
         self._counts["holes in polygons closed"] += len(group.findall("ph/h"))
-        lists = [integers((ring.text or "").encode()).reshape(-1, stride)[:, offset] for ring in rings]
+        lists = [whole(numbers((ring.text or "").encode())).reshape(-1, stride)[:, offset] for ring in rings]
         corners = np.concatenate([np.empty(0, np.int64), *lists])
         if group.tag == "triangles":
             sizes = np.full(len(corners) // 3, 3)
         elif group.tag == "polylist":
-            sizes = integers((group.findtext("vcount") or "").encode())
+            sizes = whole(numbers((group.findtext("vcount") or "").encode()))
         else:
             sizes = np.array([len(ring) for ring in lists], np.int64)
         stated = int(group.get("count", len(sizes)))
@@ -193,6 +180,7 @@ _UNITS = {
     "micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0
 }  # fmt: skip
 _HARMLESS = ("production/2015/06", "material/2015/02", "slice/2015/07", "trianglesets/2021/07")
+Key = tuple[str, str]  # of an object: its part of the archive, and its number
 
 
 @dataclass
@@ -200,14 +188,12 @@ class _Object:
     name: str
     vertices: array = field(default_factory=lambda: array("d"))
     triangles: array = field(default_factory=lambda: array("q"))
-    components: list[tuple[tuple[str, str], Floats]] = field(default_factory=list)
+    components: list[tuple[Key, Floats]] = field(default_factory=list)
 
 
 def read_threemf(source: Source) -> RawMesh:
     """What a 3MF file builds, flattened; each placed mesh is a part. Z is up by specification."""
-    objects: dict[tuple[str, str], _Object] = {}
-    built: list[tuple[tuple[str, str], Floats]] = []
-    units = set()
+    objects, built, units = dict[Key, _Object](), list[tuple[Key, Floats]](), set[str]()
     for name, text in _models(source).items():
         handler = _Handler(source, name, objects, built)
         with source.as_xml():
@@ -216,9 +202,8 @@ def read_threemf(source: Source) -> RawMesh:
     if len(units) > 1:
         raise source.error("its models differ in their units", "one unit", "export it as one model")
 
-    def resolved(items: list[tuple[tuple[str, str], Floats]]) -> list[tuple[_Object, Floats]]:
-        missing = [key for key, _ in items if key not in objects]
-        if missing:
+    def resolved(items: list[tuple[Key, Floats]]) -> list[tuple[_Object, Floats]]:
+        if missing := [key for key, _ in items if key not in objects]:
             raise source.error(f"refers to object {missing[0][1][:20]!r}, not in it", "a complete file")
         return [(objects[key], matrix) for key, matrix in items]
 
@@ -232,8 +217,7 @@ def read_threemf(source: Source) -> RawMesh:
 
 def _models(source: Source) -> dict[str, bytes]:
     """The model parts of the archive; together no larger than XML of that size can be in honesty."""
-    left = max(32 << 20, 40 * len(source.data))
-    models = {}
+    left, models = max(32 << 20, 40 * len(source.data)), dict[str, bytes]()
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             for info in archive.infolist():
@@ -253,13 +237,10 @@ def _models(source: Source) -> dict[str, bytes]:
 
 
 class _Handler(ContentHandler):
-    """Collects the objects and the build items of one model part."""
-
     def __init__(self, source: Source, name: str, objects: dict, built: list) -> None:
         super().__init__()
         self._source, self._name, self._objects, self._built = source, name, objects, built
-        self._object = _Object("")
-        self.unit = "millimeter"
+        self._object, self.unit = _Object(""), "millimeter"
 
     def startElement(self, name: str, attrs: Any) -> None:
         """Called by the parser for each element; ones of other namespaces carry a prefix."""
@@ -282,8 +263,6 @@ class _Handler(ContentHandler):
             if self.unit not in _UNITS:
                 raise self._source.error(f"its unit is {self.unit[:40]!r}", f"one of {', '.join(_UNITS)}")
             for prefix in attrs.get("requiredextensions", "").split():
-                uri = attrs.get(f"xmlns:{prefix}", "")
-                if not uri.endswith(_HARMLESS):
-                    raise self._source.error(
-                        f"requires the extension {uri[:80]!r}", "meshes", "export meshes"
-                    )
+                if not (uri := attrs.get(f"xmlns:{prefix}", "")).endswith(_HARMLESS):
+                    finding = f"requires the extension {uri[:80]!r}"
+                    raise self._source.error(finding, "meshes", "export meshes")

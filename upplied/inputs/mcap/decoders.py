@@ -1,7 +1,6 @@
 """Messages of the wanted channels as columns: ROS by `rosbags`, protobuf by `mcap-protobuf-support`, JSON.
 
-A missing value becomes NaN. Paths may lead into one sequence (``transforms[].rotation.w``): a row is an
-element.
+A missing value becomes NaN. In paths into one sequence (``transforms[].rotation.w``) a row is an element.
 """
 
 import json
@@ -30,11 +29,9 @@ _MAX_WIDTH = 64  # numbers in one value; a calibration has 12
 
 
 class Decoder:
-    """Reads columns from the payloads of one channel, by the schema in the log.
+    """Reads columns from the payloads of one channel; DefinitionError if its schema does not allow it.
 
     `paths` is every path that a column can have, where the schema tells.
-
-    Raises DefinitionError if encoding and schema do not allow to decode it.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -53,20 +50,14 @@ class Decoder:
     def columns(
         self, payloads: Sequence[bytes], wanted: Iterable[str], most: int = 10**9
     ) -> tuple[Columns, Ints, int]:
-        """The wanted values of payloads, the payload (R,) of each row, and how many could not be read.
-
-        Paths are such as ``header.stamp.sec`` or ``transforms[].transform.rotation.w``; after `most` rows
-        nothing more is read.
-        """
+        """The wanted values of payloads, `most` rows, of each its payload (R,), and how many are damaged."""
         known = [path for path in wanted if self.paths is None or path in self.paths]
         many = next((path.split("[]")[0] for path in known if "[]" in path), "")
         plain = [path for path in known if "[]" not in path]
         inner = [path for path in known if many and path.startswith(f"{many}[].")]
         get, get_inner = self._getter(plain), self._getter([path[len(many) + 3 :] for path in inner])
         get_elements = self._getter([many])
-        rows: list[int] = []
-        values: list[tuple[Any, ...]] = []
-        unreadable = 0
+        rows, values, unreadable = list[int](), list[tuple[Any, ...]](), 0
         for row, payload in enumerate(payloads):
             try:
                 message = self._decode(payload)
@@ -87,7 +78,6 @@ class Decoder:
         return columns, np.array(rows, np.int64), unreadable
 
     def _getter(self, paths: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
-        """Takes what these paths lead to, as a tuple; at once where the schema says that it is there."""
         if self.paths is not None and len(paths) > 1:
             return attrgetter(*paths)
         steps = [[_ALIASES.get(step, (step,)) for step in path.split(".")] for path in paths]
@@ -106,7 +96,6 @@ def _protobuf(name: str, schema: bytes) -> Callable[[bytes], Any]:
 
 
 def _walk(value: Any, steps: list[tuple[str, ...]]) -> Any:
-    """The part of a message at the end of these steps; None where it does not hold it."""
     for names in steps:
         if isinstance(value, dict):
             value = next((value[name] for name in names if name in value), None)
@@ -125,8 +114,7 @@ def _column(values: Sequence[Any]) -> Any:
     """A column of numbers, of lists of numbers, or of text; None where there is nothing."""
     if all(isinstance(value, float) for value in values):
         return np.array(values)
-    present = [value for value in values if value is not None]
-    if not present:
+    if not (present := [value for value in values if value is not None]):
         return None
     if all(isinstance(value, int | float) for value in present):
         whole = len(present) == len(values) and all(type(value) is int for value in values)
@@ -137,7 +125,7 @@ def _column(values: Sequence[Any]) -> Any:
     if len(shapes) == 1 and None not in shapes:
         return np.stack(values)
     rows = [_row(value) for value in values]
-    if any(row is None for row in rows):
+    if None in rows:
         return np.array(["" if value is None else str(value)[:MAX_TEXT] for value in values], object)
     width = Counter(len(row) for row in rows if row).most_common(1)
     if not width or width[0][0] > _MAX_WIDTH:
@@ -147,7 +135,6 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def _row(value: Any) -> list[float] | None:
-    """A list of numbers; empty where there is none, None where it is anything else."""
     if value is None:
         return []
     if isinstance(value, str | bytes | dict) or not isinstance(value, Iterable):
@@ -173,8 +160,7 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
     builders: dict[int, _Builder] = {}
 
     def sink_of(channel: Channel) -> Sink | None:
-        paths = tuple(fields(channel))
-        if not paths:
+        if not (paths := tuple(fields(channel))):
             return None
         recording.check(len(builders) + 1, (_MAX_CHANNELS, 0.0), "channels of poses")
         builder = builders[channel.channel_id] = _Builder(channel, paths)
@@ -196,14 +182,10 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
 
 
 class _Builder:
-    """Collects the messages of a channel and decodes them chunk by chunk."""
-
     def __init__(self, channel: Channel, paths: tuple[str, ...]) -> None:
         self.sink: Sink = []
-        self.rows = 0
-        self.table = Table(channel)
-        self._paths = paths
         self.pieces: list[Piece] = []
+        self.rows, self.table, self._paths = 0, Table(channel), paths
         self._decoder: Decoder | None = None
         try:
             self._decoder = Decoder(channel)

@@ -1,8 +1,6 @@
 """The container of a log: an MCAP file's channels, metadata and messages, within bounds.
 
-The file is walked once and only the places of chunks and messages are noted; damage costs the chunks that it
-hit. The `SeekingReader` of `mcap` ends at the first damaged chunk, unpacks chunks in the summary, and sorts
-by time.
+The file is walked once and only the places of chunks and messages are noted; damage costs the chunks it hit.
 """
 
 import re
@@ -62,17 +60,13 @@ class Recording:
 
     def channel(self, channel_id: int) -> Channel | None:
         """The channel of this id with its schema, or None where the log does not define it."""
-        record = self.channels.get(channel_id)
-        if record is None:
+        if (record := self.channels.get(channel_id)) is None:
             return None
-        schema = self.schemas.get(record.schema_id) or Schema(id=0, name="", encoding="", data=b"")
-        return Channel(
-            channel_id, record.topic, record.message_encoding, schema.name, schema.encoding, schema.data
-        )
+        kind = self.schemas.get(record.schema_id) or Schema(id=0, name="", encoding="", data=b"")
+        return Channel(channel_id, record.topic, record.message_encoding, kind.name, kind.encoding, kind.data)
 
     @property
     def read_pct(self) -> float:
-        """Share of the log that could be read, %."""
         total = sum(ref.stop - ref.start for ref in self.chunks) or self.size
         missing = max(self.size - self.read_to, 0) if self.losses else 0
         return float(100 * max(1 - self.lost_bytes / total - missing / max(self.size, 1), 0))
@@ -97,10 +91,7 @@ class Recording:
             self.counts = record.channel_message_counts
 
     def read(self, sink_of: Callable[[Channel], Sink | None]) -> Iterator[None]:
-        """Collect the messages of the channels that get a sink; yields after each chunk.
-
-        Damaged chunks are skipped and named in `losses`.
-        """
+        """Fill the sinks that channels get, pausing after each chunk; damaged ones are named in `losses`."""
         most, lost, size, number = self.limit(MAX_MESSAGES), Counter[str](), 0, 0
         sinks: dict[int, Sink | None] = {}
 
@@ -156,18 +147,14 @@ class Recording:
 
 
 def open_recording(path: Path) -> Recording:
-    """The content of an MCAP file, of a damaged one what is left of it.
-
-    Raises InputError if it is missing, empty or no MCAP file.
-    """
+    """The content of an MCAP file, of a damaged one what is left; InputError if there is none."""
     try:
         with path.open("rb") as stream:
             start = stream.read(len(MAGIC))
             if start != MAGIC:
                 finding = "does not start as an MCAP file" if start else "is empty"
                 raise InputError(str(path), finding, "an MCAP log", "copy it again from the recorder")
-            size = path.stat().st_size
-            recording = Recording(path, size, read_to=size)
+            recording = Recording(path, size := path.stat().st_size, read_to=size)
             _walk(stream, recording)
             return recording
     except OSError as error:
@@ -252,7 +239,6 @@ def _crc(stream: BinaryIO, start: int, stop: int) -> int:
 
 
 def _next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
-    """Where the next whole compressed chunk begins, or None."""
     for first in range(start, size, _WINDOW):
         stream.seek(first)
         window = stream.read(_WINDOW + _ANCHOR_AT + 16)

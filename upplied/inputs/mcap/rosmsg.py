@@ -1,8 +1,7 @@
 """ROS 1 and ROS 2 messages by the definition stored in the log: decoded by `rosbags`.
 
-It takes a third of the time of `mcap-ros2-support`, and writes no module to the disk as `mcap-ros1-support`
-does. It makes Python code of a definition: so it sees only lines of a type and a name, and nothing that is
-large.
+It takes a third of the time of `mcap-ros2-support`. It makes Python code of a definition: so it sees only
+lines of a type and a name, and nothing that is large.
 """
 
 import re
@@ -33,10 +32,8 @@ def ros_decoder(name: str, text: str, cdr: bool) -> tuple[Callable[[bytes], Any]
     """What decodes the payloads of one schema, and every path that a column can have.
 
     The text is as stored in the log, with the messages that it contains; `cdr` is ROS 2 (aligned, four bytes
-    of encapsulation), else ROS 1 (packed, little endian).
-
-    Raises DefinitionError if the definition is empty, incomplete, endless, or lets few bytes tell of many
-    messages.
+    of encapsulation), else ROS 1 (packed, little endian). Raises DefinitionError if it is empty, incomplete,
+    endless, or lets few bytes tell of many messages.
     """
     if len(text) > MAX_DEFINITION or not re.fullmatch(r"[\w/]+", name, re.ASCII):
         raise DefinitionError(f"the definition of {name[:60]} has {len(text)} characters")
@@ -69,8 +66,7 @@ def _lines(text: str) -> Iterator[str]:
         elif header := _HEADER.fullmatch(line):
             yield f"MSG: {header[1]}"
         elif line.strip() and not line.strip().startswith("#"):
-            match = _LINE.match(line)
-            if match is None:
+            if (match := _LINE.match(line)) is None:
                 raise DefinitionError(f"cannot read the line {line.strip()[:60]!r}")
             if not match[3]:
                 yield f"{match[1]} {match[2]}"

@@ -1,7 +1,6 @@
 """Records of an MCAP file by the `mcap` library, each from its own bytes alone.
 
-The library's `StreamReader` believes a file's own sizes: it allocates before it looks, returns short reads as
-records, and never ends on unknown kinds. So records are separated here; `unpacked` bounds a chunk.
+Its `StreamReader` believes a file's sizes, returns short reads as records, and never ends on unknown kinds.
 """
 
 import struct
@@ -36,8 +35,7 @@ class _Content(BytesIO):
     """The bytes of one record: never more are read than there are."""
 
     def read(self, size: int | None = -1) -> bytes:
-        data = super().read(size)
-        if size is None or len(data) != size:
+        if size is None or len(data := super().read(size)) != size:
             raise DamagedError("a record ends before its content")
         return data
 
@@ -60,11 +58,7 @@ def records_in(data: bytes) -> Iterator[McapRecord | None]:
 
 
 def unpacked(chunk: Chunk) -> bytes:
-    """The records of a chunk, decompressed and checked against its CRC.
-
-    Raises DamagedError if size, compression or CRC do not fit; the data's own statement of its size is
-    not believed.
-    """
+    """The records of a chunk, decompressed; DamagedError if size, compression or CRC do not fit."""
     size, data = chunk.uncompressed_size, chunk.data
     if size > MAX_CHUNK_BYTES:
         raise DamagedError(f"a chunk of {size} bytes exceeds {MAX_CHUNK_BYTES}")

@@ -13,8 +13,7 @@ from upplied.inputs.flight.clean import UNSET, Pace
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.fits import AS_WELL, NEARER, Comparison, Fit
-from upplied.inputs.passport.sight import Aim, Sight, aim_of, sight_of
-from upplied.inputs.passport.velocity import Steadiness, steadiness, turning_of
+from upplied.inputs.passport.sight import Aim, Sight, Steadiness, aim_of, sight_of, steadiness, turning_of
 from upplied.inputs.rules import PassportSettings, Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
@@ -125,45 +124,30 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         **vars(steadiness(logged, flown, reading.gap_s, reading.velocity, reading.source.timed)),
         **vars(aim_of(flown.positions, flown.quat_xyzw, scene)),
         **_best(others),
-        poses=len(reading.shortened),
-        ground_declared=declared,
-        lowest_m=float(sight.height_m.min()),
+        poses=len(reading.shortened), unset=flown.dropped.get(UNSET, 0),
+        ground_declared=declared, lowest_m=float(sight.height_m.min()),
         below_ground_pct=_pct(sight.height_m < -settings.ground_slack_m) if declared else 0.0,
-        inside_pct=_pct(sight.inside),
-        near_pct=_pct(sight.clearance_m < settings.near_m),
-        min_clearance_m=clearance,
-        axis_pct=_pct(sight.meets),
-        shown_pct=_pct(sight.shown > 0),
+        inside_pct=_pct(sight.inside), near_pct=_pct(sight.clearance_m < settings.near_m),
+        min_clearance_m=clearance, axis_pct=_pct(sight.meets), shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
         fit_pct=100 * given,
-        stand_off_varies=float(varies[0]),
-        other_varies=float(least[0]),
-        rolls_deg=float(varies[1]),
-        other_rolls_deg=float(least[1]),
+        stand_off_varies=float(varies[0]), other_varies=float(least[0]),
+        rolls_deg=float(varies[1]), other_rolls_deg=float(least[1]),
         other_clearance_m=float(1 / least[2]) if NEARER * least[2] <= varies[2] else 0.0,
-        aside_deg=float(varies[3]),
-        other_aside_deg=float(least[3]),
-        off_centre_m=(round(off[0], 1), round(off[1], 1)),
-        off_centre_sure=sure,
+        aside_deg=float(varies[3]), other_aside_deg=float(least[3]),
+        off_centre_m=(round(off[0], 1), round(off[1], 1)), off_centre_sure=sure,
         felt_turn_pct=100 * turning_of(logged, reading.gyroscopes),
-        unset=flown.dropped.get(UNSET, 0),
-        stills=reading.source.stills,
-        timed=reading.source.timed,
-        planned=reading.source.planned,
+        stills=reading.source.stills, timed=reading.source.timed, planned=reading.source.planned,
         year=1970 + int(flown.t_ns[0] / 1e9 / 86_400 / 365.2425),
-        clock=flown.clock,
-        clock_steps=logged.clock_steps,
+        clock=flown.clock, clock_steps=logged.clock_steps,
         recorded_pct=100 * pace.recorded_s / pace.span_s if pace.span_s else 100.0,
         lens_ratio=reading.lens_ratio,
         hfov_deg=tuple(angle for angle, _ in views[:_ZOOMS]),
         hfov_from_s=tuple(at for _, at in views[:_ZOOMS]),
-        assumed=_assumed(reading),
-        frame=logged.parent,
-        child=logged.child,
+        assumed=_assumed(reading), frame=logged.parent, child=logged.child,
         frames=tuple(note for note in flown.notes if "frame" in note or "mount" in note or "camera" in note),
-        read_pct=reading.source.read_pct,
-        losses=tuple(reading.source.losses),
-    )
+        read_pct=reading.source.read_pct, losses=tuple(reading.source.losses),
+    )  # fmt: skip
 
 
 def _pct(good: np.ndarray) -> float:
@@ -187,8 +171,7 @@ def _best(others: Sequence[Fit]) -> dict[str, Any]:
 
 def _least_clearance(flown: Track, spread: Ints, sight: Sight, distance: Callable[[Floats], Floats]) -> float:
     """The least distance of the whole path: between the poses that were measured, all are near the least."""
-    least = float(sight.clearance_m.min())
-    reach = leg_lengths(flown.positions[spread])
+    least, reach = float(sight.clearance_m.min()), leg_lengths(flown.positions[spread])
     lowest = np.minimum(sight.clearance_m[:-1], sight.clearance_m[1:]) - reach
     legs = [at for at in np.argsort(lowest)[:40] if lowest[at] < least]
     some = np.concatenate([np.arange(0), *(np.arange(spread[at] + 1, spread[at + 1]) for at in legs)])
@@ -205,8 +188,7 @@ def _off_centre(sight: Sight, turns: Floats) -> tuple[tuple[float, float], float
     far = sight.range_m[meets]
     usual = far < 4 * np.median(far)  # beside an edge the axis meets what stands behind
     rows, far = np.column_stack([np.ones(len(far)), ahead[:, :2]])[usual], far[usual]
-    weights = np.linalg.lstsq(rows, far, rcond=None)[0]
-    variance = float(np.var(far))
+    weights, variance = np.linalg.lstsq(rows, far, rcond=None)[0], float(np.var(far))
     sure = 1 - float(np.var(far - rows @ weights)) / variance if variance > 1e-9 else 0.0
     return (-float(weights[1]), -float(weights[2])), sure
 

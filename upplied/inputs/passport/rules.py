@@ -46,12 +46,10 @@ def judged(
 
 
 def _off_m(m: Measured) -> float:
-    """How far the log lies off as the stand-off has it, m; 0 where that is not sure."""
     return math.hypot(*m.off_centre_m) if m.off_centre_sure >= _SURE else 0.0
 
 
 def _ratio(value: float) -> float:
-    """A ratio, or its inverse where that is larger; NaN stays."""
     return max(value, 1 / max(value, 1e-9))
 
 
@@ -125,10 +123,7 @@ _WORDS: dict[str, Callable[[Measured], str]] = {
 
 
 def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what: str) -> Mapping[str, Any]:
-    """The passport of a flight, in plain values.
-
-    Raises InputError if a rule is broken that refuses and is not overruled.
-    """
+    """The passport of a flight, in plain values; InputError if a rule is broken that refuses."""
     measured = measure(reading, structure, facts.passport)
     verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
     refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))
@@ -150,10 +145,8 @@ def findings_of(passport: Mapping[str, Any]) -> tuple[Verdict, ...]:
 
 def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdict]:
     """What is refused, the last of it with the convention that comes nearest to making sense of it."""
-    hinted = list(verdicts)
-    refused = {verdict.rule for verdict in refusals(verdicts)}
-    named = refused & _STEADIER
-    if refused and not named and measured.other_fit_pct - measured.fit_pct >= 5:
+    hinted, refused = list(verdicts), {verdict.rule for verdict in refusals(verdicts)}
+    if refused and not refused & _STEADIER and measured.other_fit_pct - measured.fit_pct >= 5:
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
         hint = f"; the nearest other convention, {measured.other_words}, fits {share}"
         last = max(at for at, verdict in enumerate(hinted) if verdict.rule in refused)

@@ -34,10 +34,9 @@ class Zoom:
     vfov_deg: Floats  # (K,)
 
     def at(self, track: Track) -> Floats | None:
-        """Fields of view (N, 2), deg, of poses; None where no clock is common to both.
+        """Fields of view (N, 2), deg, of poses, early ones by the first known; None without a common clock.
 
-        The source's clock counts where it is that of the poses and never stepped, else the recorder's. What
-        is known later than the first pose counts from there on.
+        The source's clock counts where it is that of the poses and never stepped, else the recorder's.
         """
         for times, known in ((track.t_ns, self.t_ns), (track.log_ns, self.log_ns)):
             if times is track.t_ns and track.clock_steps:
@@ -51,7 +50,6 @@ class Zoom:
 
     @property
     def spread_pct(self) -> float:
-        """By how much the widest exceeds the narrowest, %."""
         return float(100 * (self.hfov_deg.max() / self.hfov_deg.min() - 1)) if len(self.t_ns) else 0.0
 
 
@@ -62,8 +60,7 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
     """
     matrix = table.vectors("k" if "k" in table else "K", 9)
     values = np.column_stack([table.stack("width", "height"), matrix[:, [0, 4]]])
-    good = ((values > 1e-3) & (values < 1e7)).all(axis=1)
-    if not good.any():
+    if not (good := ((values > 1e-3) & (values < 1e7)).all(axis=1)).any():
         return None
     model = str(names(table, "distortion_model")[good][0]).lower()
     frame, t_ns = "frame_id" if "frame_id" in table else "header.frame_id", source_times(table)[0][good]
@@ -84,22 +81,13 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
 def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tuple[Lens | None, str]:
     """The lens of a calibration, None of a pinhole, and a note on what of it cannot be used.
 
-    Parameters
-    ----------
-    model : str
-        As ROS, Foxglove and OpenCV name it.
-    values : array, shape (K,)
-        Coefficients, in the order of OpenCV.
-    middle_px : array, shape (2,)
-        Where the axis meets the picture; the picture's middle counts where that is in no picture.
-    size : array, shape (2,)
-        Width and height, px.
+    The model is as ROS, Foxglove and OpenCV name it, its coefficients (K,) are in the order of OpenCV. The
+    axis meets the picture of a size (2,), px, in its middle (2,) where the one given lies in no picture.
     """
     fisheye, note = model.startswith(_FISHEYE), ""
-    most = 4 if fisheye else 8
     count = int(np.flatnonzero(values)[-1]) + 1 if values.any() else 0
     known = model in (_FISHEYE[:3] if fisheye else _BROWN)
-    if count > most or (count and not (known and np.isfinite(values).all())):
+    if count > (4 if fisheye else 8) or (count and not (known and np.isfinite(values).all())):
         note = f"distortion of the camera is not used: {count} coefficients of the model {model[:40]!r}"
         count = 0
     if not ((middle_px > 0) & (middle_px < size)).all() or (abs(middle_px - size / 2) <= _CENTRED_PX).all():
@@ -113,9 +101,7 @@ def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tupl
 def camera_of(
     tables: Sequence[Table], facts: LogOptions, what: str
 ) -> tuple[Camera, str, list[str], Zoom | None]:
-    """The camera of a flight: what the log measured, what the facts say, and defaults for the rest.
-
-    With the name of its optical frame and its field of view in time, where they are known, and notes.
+    """The camera of a flight by log, facts and defaults, its optical frame, notes, and its view in time.
 
     Raises InputError if the log holds several cameras and nothing says which.
     """
@@ -131,14 +117,14 @@ def camera_of(
     camera, frame, zoom, note = next(iter(by_topic.values()), (Camera(), "", None, NO_CALIBRATION))
     notes = [note] if note else []
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
-    declared: dict[str, Any] = {name: getattr(facts, f"camera_{name}") for name in names}
-    declared = {name: value for name, value in declared.items() if value is not None}
-    declared |= {name: int(declared[name]) for name in ("width_px", "height_px") if name in declared}
+    stated = ((name, getattr(facts, f"camera_{name}")) for name in names)
+    declared: dict[str, Any] = {
+        name: int(value) if name.endswith("_px") else value for name, value in stated if value is not None
+    }
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
         camera = completed(camera, model) if by_topic else model
-        stated = [*declared, *["hfov_deg"] * bool(by_topic)]
-        notes += filter(None, [unverified(facts.camera_model, stated)])
+        notes += filter(None, [unverified(facts.camera_model, [*declared, *["hfov_deg"] * bool(by_topic)])])
     camera = replace(camera, **declared)
     if facts.camera_distortion is not None:
         size = np.array([camera.width_px, camera.height_px], float)
@@ -154,8 +140,8 @@ def camera_of(
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
     if camera.min_range_m >= camera.max_range_m:
-        limits = f"{camera.min_range_m} to {camera.max_range_m} m"
-        raise InputError(f"{what}, camera range", f"got {limits}", "the least range below the greatest")
+        finding = f"got {camera.min_range_m} to {camera.max_range_m} m"
+        raise InputError(f"{what}, camera range", finding, "the least range below the greatest")
     if facts.camera_hfov_deg is not None and zoom is not None and zoom.spread_pct > facts.passport.zoom_pct:
         changes = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
         notes.append(f"{ZOOM_UNHEARD} {changes}: {camera.hfov_deg:g} deg all the time, as declared")
@@ -175,16 +161,12 @@ def through(
 ) -> tuple[Camera, Floats | None]:
     """The camera of the flight that was chosen, and the field of view (N, 2), deg, of poses where it zooms.
 
-    Never an average of several: the camera is the narrowest there was, so that whoever looks at nothing
-    else claims to have seen only what was seen.
-
-    Raises InputError if the field of view changes, but no clock says at which pose (`zoom-untimed`).
-    Where that is allowed, the narrowest counts for the whole flight.
+    The camera is the narrowest there was: whoever looks at nothing else claims only what was seen.
+    Raises InputError if the view changes, but no clock says at which pose, unless `zoom-untimed` is allowed.
     """
     if zoom is None or facts.camera_hfov_deg is not None or not len(track):
         return camera, None
-    fov_deg = zoom.at(track)
-    if fov_deg is None:
+    if (fov_deg := zoom.at(track)) is None:
         if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
             change = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
             finding = f"zoom-untimed: the field of view changes {change}, by another clock than the poses"

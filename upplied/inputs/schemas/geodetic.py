@@ -1,8 +1,4 @@
-"""Positions on the Earth (WGS 84), with an attitude from elsewhere, in the frame of the structure.
-
-Heights above the ellipsoid and above mean sea level differ by tens of metres: log and structure need one
-datum.
-"""
+"""Positions on the Earth (WGS 84), with an attitude from elsewhere, in the structure's frame and datum."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,11 +34,7 @@ _PIPELINE = (
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
-    """The poses of one channel in the structure's frame.
-
-    Raises InputError if the structure's place is not known, lies elsewhere, or uses another altitude
-    datum; or if nothing in the log tells the attitude.
-    """
+    """The poses of one channel in the structure's frame; InputError without its place, datum, attitude."""
     wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
     if missing := [name for name in wanted if getattr(facts, name) is None]:
         finding = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
@@ -55,8 +47,7 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
         np.clip(lat, -90, 90), lon, alt + lift,
         facts.structure_lat_deg, facts.structure_lon_deg, (facts.structure_alt_m or 0.0) + own
     )  # fmt: skip
-    enu = np.column_stack([east, north, up])
-    distance = np.linalg.norm(enu, axis=1)
+    distance = np.linalg.norm(enu := np.column_stack([east, north, up]), axis=1)
     if np.isfinite(distance).any() and np.nanmedian(distance) > MAX_DISTANCE_M:
         finding = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
         rule, remedy = f"within {MAX_DISTANCE_M / 1000:.0f} km", "check the structure's place on the Earth"
@@ -110,13 +101,12 @@ def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float, t
         finding = f"gives altitudes above the {_NAMES[datum]}, the structure's above the {_NAMES[wanted]}"
         rule = "one datum, or the height of mean sea level above the ellipsoid there"
         raise InputError(table.channel.topic, finding, rule, f"give geoid_undulation_m, or a grid: {words}")
-    note = (f"mean sea level {undulation:.1f} m above the ellipsoid, {words}",)
-    return (0.0, undulation, note) if datum == "ellipsoid" else (undulation, 0.0, note)
+    lifts = (0.0, undulation) if datum == "ellipsoid" else (undulation, 0.0)
+    return *lifts, (f"mean sea level {undulation:.1f} m above the ellipsoid, {words}",)
 
 
 def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
-    turns = px4.attitude(tables, facts) if table.schema.startswith("px4") else _imu(tables, facts)
-    if turns is not None:
+    if (turns := (px4.attitude if table.schema.startswith("px4") else _imu)(tables, facts)) is not None:
         return _from_antenna(px4.with_attitude(track, turns, facts), facts)
     heading = table.numbers("heading")[_valid(table)]
     if np.isfinite(heading).any():
@@ -146,8 +136,9 @@ def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     tracks = []
     for table in tables:
         if table.schema == IMU and len(table):
-            quats = table.stack(*_TURN)
-            good = are_unit(quats) & (table.vectors("orientation_covariance", 9)[:, 0] != -1)
+            good = are_unit(quats := table.stack(*_TURN)) & (
+                table.vectors("orientation_covariance", 9)[:, 0] != -1
+            )
             if good.mean() > 0.5:
                 tracks.append(attitude_track(table, quats, facts, good))
     return max(tracks, key=len, default=None)

@@ -1,8 +1,7 @@
 """PX4 by uXRCE-DDS: odometry, or local position with attitude; and gimbals, as MAVROS has them too.
 
 Turned here from north, east, down and forward, right, down (quaternions w x y z, microseconds). The yaw of a
-gimbal (MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS) counts from north or from the vehicle's heading, by its
-flags.
+gimbal (MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS) counts from north or the vehicle's heading, by its flags.
 """
 
 from collections.abc import Sequence
@@ -31,14 +30,10 @@ _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 16, 32, 64
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
-    """The poses of one channel, in ENU (or another frame with z up) and FLU.
-
-    Raises InputError if there is no attitude to a position, or the frame of the poses is not stated.
-    """
+    """The poses of one channel, in ENU (or another frame with z up) and FLU; InputError without attitude."""
     if table.schema == "px4_msgs/VehicleOdometry":
         return _odometry(table)
-    turns = attitude(tables, facts)
-    if turns is None:
+    if (turns := attitude(tables, facts)) is None:
         finding = "has no attitude, and the log holds no px4_msgs/VehicleAttitude"
         remedy = "record vehicle_attitude, or vehicle_odometry, too"
         raise InputError(table.channel.topic, finding, "position and attitude", remedy)
@@ -53,9 +48,8 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
 def attitude(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     """The attitude of the vehicle, FLU in ENU, clean; None where the log has none."""
     attitudes = [table for table in tables if table.schema == "px4_msgs/VehicleAttitude" and len(table)]
-    if not attitudes:
+    if (table := max(attitudes, key=len, default=None)) is None:
         return None
-    table = max(attitudes, key=len)
     every, epoch = np.ones(len(table), bool), table.integers("quat_reset_counter")
     return attitude_track(table, enu_flu(xyzw(table)), facts, every, epoch)
 
@@ -127,12 +121,10 @@ class Gimbal:
 
 def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
     """The gimbal of a log; None where it has none. Of several, the one that reports most often."""
-    table = max(_gimbals(tables), key=len, default=None)
-    if table is None:
+    if (table := max(_gimbals(tables), key=len, default=None)) is None:
         return None
     quats = xyzw(table) if "q" in table else table.stack("q.x", "q.y", "q.z", "q.w")
-    north = _from_north(table)
-    most = bool(north.mean() >= 0.5)
+    most = bool((north := _from_north(table)).mean() >= 0.5)
     return Gimbal(attitude_track(table, quats, facts, north == most), most, table.channel.topic)
 
 
@@ -146,7 +138,6 @@ def _gimbals(tables: Sequence[Table]) -> list[Table]:
 
 
 def _from_north(table: Table) -> Bools:
-    name = "device_flags" if "device_flags" in table else "flags"
-    flags = table.integers(name)
+    flags = table.integers("device_flags" if "device_flags" in table else "flags")
     stated = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
     return np.where(stated, (flags & _YAW_IN_EARTH) != 0, (flags & _YAW_LOCK) != 0)

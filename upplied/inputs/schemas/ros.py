@@ -1,8 +1,7 @@
 """Poses of ROS 2, ROS 1 and Foxglove's schemas, and velocity, turn rates and wind beside them.
 
-ROS and MAVROS have ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w; Foxglove states
-no axes and is read alike. PX4 and ArduPilot log the wind to north and east, MAVROS a twist
-(`wind_estimation`).
+ROS and MAVROS have ENU and x forward, y left, z up (REP-103, REP-105); Foxglove states no axes and is read
+alike. PX4 and ArduPilot log the wind to north and east, MAVROS a twist (`wind_estimation`).
 """
 
 from collections.abc import Sequence
@@ -32,26 +31,17 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
 
 
 def velocity(tables: Sequence[Table], topic: str) -> tuple[Ints, Floats] | None:
-    """When (N,), ns, and the velocity (N, 6), m/s and rad/s, of the odometry of a topic; None without.
-
-    Where several publish on it, that of most messages counts.
-    """
+    """When (N,), ns, and velocities (N, 6), m/s and rad/s, of the densest odometry of a topic, or None."""
     table = max((each for each in tables if each.channel.topic == topic), key=len, default=None)
     if table is None or _MOTION[0] not in table or not len(table):
         return None
     motion = table.stack(*_MOTION)
     good = np.isfinite(motion).all(axis=1)
-    if not motion[good].any():
-        return None
-    return source_times(table)[0][good], motion[good]
+    return (source_times(table)[0][good], motion[good]) if motion[good].any() else None
 
 
 def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
-    """Of each inertial unit when (N,), ns, and its turn rate about the vertical (N,), rad/s.
-
-    The accelerometer gives the vertical, so how the unit is mounted does not count. Counter-clockwise
-    from above.
-    """
+    """When (N,), ns, and turn (N,), rad/s, of each inertial unit, counter-clockwise about felt vertical."""
     units = []
     for table in tables:
         if table.schema != IMU or not len(table) or any(path not in table for path in _INERTIAL):
@@ -72,10 +62,7 @@ def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
 
 
 def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) -> LoggedWind | None:
-    """The wind while the poses of a track were logged; None where the log holds none.
-
-    Without the heading of the structure's +X, clockwise from north, where it blows to is not known.
-    """
+    """The wind while a track was logged, None without; whereto only by the heading, clockwise from north."""
     usable = []
     for table in tables:
         topic = table.channel.topic  # a twist tells of a vehicle, unless it is named for the wind

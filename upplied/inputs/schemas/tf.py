@@ -1,7 +1,7 @@
 """Trees of transforms: TF of ROS and of Foxglove, composed from the fixed frame to the camera.
 
-A chain has the stamps of its busiest link; others are interpolated, never across a gap; static links always
-hold."""
+A chain has the stamps of its busiest link; others are interpolated, never across a gap; static links hold.
+"""
 
 from __future__ import annotations
 
@@ -43,8 +43,7 @@ class Tree:
 
     def path(self, leaf: str, root: str = "") -> list[Link]:
         """Links from `root` (or the top) down to `leaf`; empty where there is no way."""
-        links: list[Link] = []
-        parents, frame = self.parents(), leaf
+        parents, frame, links = self.parents(), leaf, list[Link]()
         while frame != root and frame in parents and len(links) < len(parents):
             links.append((parents[frame], frame))
             frame = parents[frame]
@@ -52,8 +51,7 @@ class Tree:
 
     def rigid(self, leaf: str) -> list[str]:
         """The frames above `leaf` that static links alone part from it, from below."""
-        parents, frame = self.parents(), leaf
-        above: list[str] = []
+        parents, frame, above = self.parents(), leaf, list[str]()
         while (parents.get(frame), frame) in self.static and len(above) < len(parents):
             frame = parents[frame]
             above.append(frame)
@@ -95,10 +93,7 @@ class Tree:
 
 
 def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
-    """The tree of all transforms in a log.
-
-    Raises InputError if there are too many frames.
-    """
+    """The tree of all transforms in a log; InputError if there are too many frames."""
     tables = [table for table in tables if table.schema in SCHEMAS]
     tree = Tree(topic=tables[0].channel.topic if tables else "")
     loose: dict[Link, list[Track]] = {}
@@ -116,8 +111,9 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
             whole: dict[str, Any] = {
                 name: np.concatenate([getattr(part, name) for part in parts]) for name in _VALUES
             }
-            order = np.argsort(whole["log_ns"], kind="stable")  # as recorded
-            merged = replace(parts[0], **whole).take(order)
+            merged = replace(parts[0], **whole).take(
+                np.argsort(whole["log_ns"], kind="stable")
+            )  # as recorded
             track = clean(merged, replace(limits, max_dropped=1.0), "a transform")
         except InputError:  # nothing usable: as if the link had never been published
             continue
@@ -130,12 +126,8 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
 
 
 def transformed(tree: Tree, facts: LogOptions, camera_frame: str, what: str) -> Track:
-    """Poses of the camera's frame, else of the body's, from the top of the tree or `facts.frame_id`.
-
-    Raises InputError if several frames could be meant, or the frame that is asked for does not exist.
-    """
-    leaf = _leaf(tree, facts, camera_frame, what)
-    root = facts.frame_id.lstrip("/")
+    """Poses of the camera's frame, else the body's, from the top or `frame_id`; InputError if in doubt."""
+    leaf, root = _leaf(tree, facts, camera_frame, what), facts.frame_id.lstrip("/")
     return tree.track(leaf, root if tree.moves(leaf, root) else "", facts)
 
 

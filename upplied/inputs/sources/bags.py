@@ -1,7 +1,4 @@
-"""Logs of messages: MCAP, ROS 1 bags by `rosbags`, and ROS 2 bags in SQLite.
-
-A bag from before ROS Iron holds no definitions: its types are those that `rosbags` knows by name.
-"""
+"""Logs of messages: MCAP, ROS 1 bags by `rosbags`, and ROS 2 bags in SQLite (types by name before Iron)."""
 
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -40,8 +37,6 @@ def siblings(path: Path) -> list[Path]:
 
 @dataclass
 class _Bag(Recording):
-    """A bag in the form that `read_tables` reads."""
-
     #: Channel, time, ns, and payload of each message of the wanted channels.
     messages: Callable[[set[int]], Iterator[tuple[int, int, bytes]]] = lambda wanted: iter(())
 
@@ -89,17 +84,14 @@ def _ros1(path: Path, size: int) -> _Bag:
 
 
 def _ros2(path: Path, size: int) -> _Bag:
-    """A bag of ROS 2 in SQLite, with the files that it was split into."""
     bag = _Bag(path, size, read_to=size)
     files: list[tuple[Path, dict[int, int]]] = []  # each with the channels of its topics
-    texts: dict[str, str] = {}
-    channels: dict[tuple[str, str], int] = {}
+    texts, channels = dict[str, str](), dict[tuple[str, str], int]()
     known = get_typestore(Stores.ROS2_HUMBLE)  # types that a bag names without their definition
     for file in siblings(path):
         files.append((file, numbers := {}))
         with _opened(file) as database:
-            query = "SELECT id, name, type, serialization_format FROM topics"
-            topics = database.execute(query).fetchall()
+            topics = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
             tables = database.execute("SELECT name FROM sqlite_master WHERE type='table'")
             if "message_definitions" in {name for (name,) in tables}:
                 query = "SELECT topic_type, encoded_message_definition FROM message_definitions"

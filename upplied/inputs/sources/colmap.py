@@ -21,8 +21,7 @@ _MODELS = {
     "RAD_TAN_THIN_PRISM_FISHEYE": 16,
 }  # fmt: skip
 _OTHERS = ("FOV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")  # than OpenCV's
-_IMAGE = struct.Struct("<I7dI")
-_CAMERA = struct.Struct("<IiQQ")
+_IMAGE, _CAMERA = struct.Struct("<I7dI"), struct.Struct("<IiQQ")
 Image = tuple[str, tuple[float, ...], int]  # name, quaternion w x y z and shift, camera
 
 
@@ -45,8 +44,7 @@ def read(path: Path, fields: Fields) -> Source:
 def _binary(data: bytes) -> Iterator[Image]:
     (count,) = struct.unpack_from("<Q", data)
     if count > len(data) // _IMAGE.size:
-        finding = f"declares {count} images in {len(data)} bytes"
-        raise refusal(finding, "a complete file", "export it again")
+        raise refusal(f"declares {count} images in {len(data)} bytes", "a complete file", "export it again")
     at = 8
     for _ in range(count):
         _, *pose, camera = _IMAGE.unpack_from(data, at)

@@ -1,7 +1,4 @@
-"""The one door: the kind of each file, by its content, and the flights in a folder.
-
-Nothing is dropped in silence: every file is a flight, part of one, none, or refused with the reason.
-"""
+"""The one door: the kind of each file, by its content, and the flights in a folder; none drops in silence."""
 
 import csv
 import os
@@ -21,7 +18,7 @@ from defusedxml.common import DefusedXmlException
 from upplied.errors import InputError
 from upplied.inputs.files import open_regular, table
 from upplied.inputs.sidecar import sidecar_of
-from upplied.inputs.sources import bags, photos, records, trajectories
+from upplied.inputs.sources import bags, photos, records
 from upplied.inputs.sources.source import Fields, Source
 
 MAX_FILES = 200_000
@@ -45,25 +42,17 @@ class FileKind:
 
     @property
     def is_flight(self) -> bool:
-        """Whether a demonstration can be read of it."""
         return self.status == _FLIGHT
 
 
 _TABLES = table("kinds.toml")["flight"]
 #: Each kind of file that holds a flight: in words, and its reader in `upplied.inputs.sources`.
 KINDS: dict[str, tuple[str, str]] = {kind: tuple(row) for kind, row in _TABLES["kinds"].items()}
-_BYTES, _UNREAD = (
-    {name: re.compile(pattern.encode("ascii")) for name, pattern in _TABLES[key].items()}
-    for key in ("bytes", "unread")
-)
 _LOGS = (".mcap", ".ulg", ".bag", ".db3", ".tlog", ".srt", ".plan", ".waypoints", ".kmz")  # by name a flight
 
 
 def kind_of(path: Path) -> str:
-    """The key in `KINDS` of a file or a folder of photos; empty where it is none.
-
-    Raises InputError if it looks like a flight and cannot be read.
-    """
+    """The key in `KINDS` of a file or folder, empty where it is none; InputError if it cannot be read."""
     if path.is_dir():
         return "photos" if photos.members(path) else ""
     try:
@@ -72,11 +61,11 @@ def kind_of(path: Path) -> str:
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
     tar = head[:1] == b"\x1f" and ".tar" in path.name
-    unread = [reason for reason, pattern in _UNREAD.items() if pattern.match(head) and not tar]
-    unread += [reason for reason, name in _TABLES["unread_names"].items() if re.fullmatch(name, path.name)]
+    unread = [why for why, it in _TABLES["unread"].items() if not tar and re.match(it.encode(), head)]
+    unread += [why for why, name in _TABLES["unread_names"].items() if re.fullmatch(name, path.name)]
     if unread:
         raise InputError(str(path), unread[0])
-    kind = next((kind for kind, pattern in _BYTES.items() if pattern.match(head)), "")
+    kind = next((kind for kind, begins in _TABLES["bytes"].items() if re.match(begins.encode(), head)), "")
     kind = kind or _binary(path, head) or ("" if b"\0" in head[:4096] else _text(path, head))
     if not kind and path.suffix.lower() in _LOGS:
         finding = f"does not begin as a {path.suffix} file does" if head.strip() else "is empty"
@@ -95,7 +84,6 @@ def _binary(path: Path, head: bytes) -> str:
 
 
 def _text(path: Path, head: bytes) -> str:
-    """The kind of a text, by its patterns, captions, columns or numbers."""
     text = head.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     if text.lstrip()[:1] in ("{", "[") and len(head) == _HEAD and path.stat().st_size < 1 << 28:
         text = path.read_bytes().decode("utf-8", "replace")  # of JSON all: its keys may follow a long list
@@ -110,18 +98,14 @@ def _text(path: Path, head: bytes) -> str:
     if records.is_record(text[:8192]):
         return "record"
     data = [line for line in text.splitlines()[:200] if line.strip() and not line.startswith("#")]
-    widths = [trajectories.width_of(line.encode()) for line in data[:20]]
+    widths = [records.width_of(line.encode()) for line in data[:20]]
     same = len(widths) >= 2 and len(set(widths[:-1])) == 1
-    return "poses" if same and widths[0] in trajectories.WIDTHS else ""
+    return "poses" if same and widths[0] in records.WIDTHS else ""
 
 
 def read(path: Path, fields: Fields) -> Source:
-    """The tables of a file, or of a folder of photos, whatever it is.
-
-    Raises InputError if it is no flight, or damaged beyond use.
-    """
-    kind = kind_of(path)
-    if not kind:
+    """The tables of a file or a folder of photos; InputError if it is no flight, or damaged beyond use."""
+    if not (kind := kind_of(path)):
         rule = f"one of: {', '.join(dict.fromkeys(words for words, _ in KINDS.values()))}"
         raise InputError(str(path), "is not a readable flight", rule, "check that it is the right file")
     words, name = KINDS[kind]
@@ -146,15 +130,12 @@ def parts_of(path: Path, kind: str) -> list[Path]:
     elif kind == "colmap":
         names = [path.with_name(f"{name}{path.suffix}") for name in ("cameras", "points3D", "frames", "rigs")]
     elif kind == "poses":
-        names = trajectories.times_beside(path)
+        names = records.times_beside(path)
     return [path, *(name for name in names if name != path and name.is_file())]
 
 
 def survey(paths: Iterable[str | Path]) -> list[FileKind]:
-    """What the named files are, or those in the named folders: each of them, in order.
-
-    Raises InputError if a name does not exist, or there are too many files.
-    """
+    """What the named files are, or those in named folders; InputError if one is missing, or they are many."""
     files: list[FileKind] = []
     for name in map(Path, paths):
         if not name.exists():
@@ -180,8 +161,7 @@ def _file(path: Path, alone: bool = False) -> list[FileKind]:
 
 
 def _folder(folder: Path) -> list[FileKind]:
-    files: list[FileKind] = []
-    count = 0
+    files, count = list[FileKind](), 0
     for at, folders, names in os.walk(folder):  # links to folders are not followed
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
@@ -191,8 +171,7 @@ def _folder(folder: Path) -> list[FileKind]:
         if count > MAX_FILES:
             rule = "the folder of some flights"
             raise InputError(str(folder), f"holds more than {MAX_FILES} files", rule, "name a folder in it")
-        images = set(photos.members(place))
-        if images:
+        if images := set(photos.members(place)):
             words = f"{len(images)} photos" if len(images) > 1 else "one photo: no flight"
             files.append(FileKind(place, _FLIGHT if len(images) > 1 else _OTHER, words))
         for name in sorted(names):

@@ -1,7 +1,4 @@
-"""Missions as planned flights: QGroundControl, MAVLink waypoints, KML, DJI WPML, Litchi.
-
-They are marked as planned. The camera turns steadily between waypoints, at the stated speed.
-"""
+"""Missions as flights planned at the stated speed: QGroundControl, MAVLink waypoints, KML, WPML, Litchi."""
 
 import csv
 import io
@@ -78,7 +75,6 @@ def _flown(rows: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _commands(items: list[tuple[int, int, list[float]]]) -> _Route:
-    """Waypoints of MAVLink commands: number, frame, seven parameters."""
     route, flown = _Route(), (_WAYPOINT, _SPLINE)
     datums = {_FRAMES[frame] for command, frame, _ in items if command in flown and frame in _FRAMES}
     if len(datums) > 1:
@@ -98,12 +94,10 @@ def _commands(items: list[tuple[int, int, list[float]]]) -> _Route:
 
 def _plan(data: bytes) -> _Route:
     plan = json.loads(data)
-    versions = plan.get("version"), plan.get("mission", {}).get("version")
-    if versions != (1, 2):
+    if (versions := (plan.get("version"), plan.get("mission", {}).get("version"))) != (1, 2):
         finding = f"is a plan of version {versions[0]}, mission {versions[1]}"
         raise refusal(finding, "versions 1 and 2", "open it in QGroundControl and save it again")
-    items: list[tuple[int, int, list[float]]] = []
-    computed = []
+    items, computed = list[tuple[int, int, list[float]]](), list[str]()
     for item in plan["mission"].get("items", []):
         simple = item.get("type") == "SimpleItem"
         inner = [item] if simple else item.get("TransectStyleComplexItem", {}).get("Items", [])
@@ -123,8 +117,7 @@ def _waypoints(data: bytes) -> _Route:
     items = []
     for line in data.decode("ascii").splitlines()[2:]:  # the first is home
         row = line.split()
-        params = [float(value) for value in row[4:11]]
-        if params:
+        if params := [float(value) for value in row[4:11]]:
             params[3] = params[3] or _NAN  # the format has no other word for none
             items.append((int(row[3]), int(row[2]), params))
     return _commands(items)
@@ -152,11 +145,9 @@ def _zipped(data: bytes) -> _Route:
 
 
 def _marks(data: bytes) -> _Route:
-    """Placemarks of WPML, else the line of a KML."""
     root, route = plain_xml(data), _Route()  # names of the schema change with its version
     if root.find(".//executeHeight") is None:
-        lines = [node.findtext("coordinates") for node in root.iter("LineString")]
-        if not lines:
+        if not (lines := [node.findtext("coordinates") for node in root.iter("LineString")]):
             finding = "states no path: it is a template, or holds other shapes"
             raise refusal(finding, "waypoints or one LineString", "take waylines.wpml, or the .kmz")
         relative = "relativeToGround" in {node.text for node in root.iter("altitudeMode")}

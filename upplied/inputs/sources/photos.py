@@ -1,7 +1,6 @@
 """A folder of drone photos: positions, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
 
-The gimbal's yaw counts from true north, on some small models from the nose, which a series shows. Heights
-count from take-off, since other datums are unknown, unless RTK fixed them.
+A gimbal's yaw counts from north, on some models from the nose; heights from take-off, unless RTK fixed them.
 """
 
 import logging
@@ -37,8 +36,8 @@ logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no 
 
 def members(folder: Path) -> list[Path]:
     """The photos that lie in a folder, by name."""
-    names = sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS and path.is_file())
-    return names[: MAX_PHOTOS + 1]
+    names = (path for path in folder.iterdir() if path.suffix.lower() in ENDINGS and path.is_file())
+    return sorted(names)[: MAX_PHOTOS + 1]
 
 
 def read(path: Path, fields: Fields) -> Source:
@@ -53,13 +52,11 @@ def read(path: Path, fields: Fields) -> Source:
     if len(placed) < 2:
         remedy = "copy the originals: programs that resize or edit photos drop their tags"
         raise refusal(finding, "at least two", remedy)
-    models = sorted({head.pop("camera") for head in placed})
-    if len(models) > 1:
+    if len(models := sorted({head.pop("camera") for head in placed})) > 1:
         finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
         raise refusal(finding, "one flight", "put the photos of each flight into a folder of its own")
     at = {name: np.array([head[name] for head in placed], float) for name in placed[0]}
-    timed = bool(np.isfinite(at["t_ms"]).all())
-    if timed:
+    if timed := bool(np.isfinite(at["t_ms"]).all()):
         notes = ["times of photos are taken to be UTC where they name no zone"]
         t_ns = fill.spread(np.round(at["t_ms"] * 1e6).astype(np.int64))
     else:
@@ -67,8 +64,7 @@ def read(path: Path, fields: Fields) -> Source:
         t_ns = fill.numbered(len(placed))
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
-    facts = _lens(at, models[0])
-    lost = [finding] if len(placed) < len(heads) else []
+    facts, lost = _lens(at, models[0]), [finding] if len(placed) < len(heads) else []
     tables = [*_tables(at, t_ns, notes)]
     return Source(tables, [], lost, notes=notes, stills=True, defaults=facts, timed=timed)
 
@@ -80,8 +76,8 @@ def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
     facts: dict[str, Any] = {
         f"camera_{name}": float(counts[name](values)) for name, values in known.items() if len(values)
     }
-    name = named_by_exif(model, facts.get("camera_focal_mm", 0.0))
-    facts |= {"camera_model": name} if name else {}
+    if name := named_by_exif(model, facts.get("camera_focal_mm", 0.0)):
+        facts["camera_model"] = name
     return facts if (accuracy_m := _accuracy_m(at)) is None else facts | {"accuracy_m": accuracy_m}
 
 
@@ -141,10 +137,9 @@ def head_of(path: Path) -> dict[str, Any]:
         raise
     except Exception:  # tags that are damaged say nothing
         tags, xmp = {}, {}
-    values: dict[str, Any] = {
-        name: next((xmp[local] for local in written if local in xmp), float("nan"))
-        for name, written in _NAMES.items()
-    }
+    values: dict[str, Any] = {}
+    for name, written in _NAMES.items():
+        values[name] = next((xmp[local] for local in written if local in xmp), float("nan"))
     for name, axis, minus in (("lat", "GPS GPSLatitude", "S"), ("lon", "GPS GPSLongitude", "W")):
         if not np.isfinite(values[name]):
             degrees = sum(part / 60**at for at, part in enumerate(_numbers(tags.get(axis), 3)))
@@ -170,8 +165,7 @@ def head_of(path: Path) -> dict[str, Any]:
 
 def _xmp(head: bytes) -> dict[str, float]:
     """Numbers of the XMP by local name, whether attributes or elements."""
-    start, stop = head.find(b"<x:xmpmeta"), head.find(b"</x:xmpmeta>")
-    if not 0 <= start < stop:
+    if not 0 <= (start := head.find(b"<x:xmpmeta")) < (stop := head.find(b"</x:xmpmeta>")):
         return {}
     try:
         root = ElementTree.fromstring(head[start : stop + 12], forbid_dtd=True)
@@ -192,7 +186,6 @@ def _xmp(head: bytes) -> dict[str, float]:
 
 
 def _numbers(tag: Any, most: int = 1) -> list[float]:
-    """The first numbers of a tag; one that is not finite where it holds none."""
     try:
         return [float(value) for value in tag.values[:most]] or [float("nan")]
     except (AttributeError, TypeError, ValueError, ZeroDivisionError):

@@ -41,9 +41,7 @@ class Project:
 def project_at(cameras: Path, options: LogOptions) -> Project | None:
     """The structure and the flight of a project; None where a structure is named, or no surface is there.
 
-    `cameras` is a file of one of `KINDS`; of the facts, `kind` is that of the structure, `unit_m` the metres
-    per unit of a model.
-
+    `cameras` is a file of one of `KINDS`; `unit_m` of the facts is the metres per unit of a model.
     Raises InputError if its kind, its scale or its vertical is unknown, or the cameras cannot be read.
     """
     declared, _ = inspection(cameras, [], options)
@@ -53,8 +51,7 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
     surfaces = surfaces[:1] or [(each, roots[0]) for each in beside]
     if declared.structure_id or len(surfaces) != 1:
         return None
-    surface = surfaces[0]
-    what = str(cameras)
+    (surface, folder), what = surfaces[0], str(cameras)
     if not declared.kind:
         rule = "a structure is planned for among its kind alone"
         finding = "does not state the kind of its structure"
@@ -66,24 +63,22 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
         raise InputError(what, "is a reconstruction without scale", rule, remedy)
     up = "z" if source.place is not None else _up(source, what)
     forward = "x" if up[-1] != "x" else "y"
-    name = safe_id(surface[1].name)
+    name = safe_id(folder.name)
     entry = StructureEntry(
-        name, declared.kind, surface[0], facts.unit_m or 1.0, up, forward,
+        name, declared.kind, surface, facts.unit_m or 1.0, up, forward,
         site=declared.site, placement=source.place, surface="scanned",
         notes=f"reconstructed by the project of {cameras.name}",
     )  # fmt: skip
-    name_of_flight = options.demonstration_id or f"{name}-flight"
-    flight = replace(options, structure_id=name, demonstration_id=name_of_flight)
-    axes = turn(up, forward)
+    flight_id = options.demonstration_id or f"{name}-flight"
+    flight, axes = replace(options, structure_id=name, demonstration_id=flight_id), turn(up, forward)
     if source.place is None and not np.array_equal(axes, np.eye(3)):
         flight = replace(flight, structure_quat_xyzw=tuple(Rotation.from_matrix(axes.T).as_quat().tolist()))
-    return Project(entry, flight, surface[1])
+    return Project(entry, flight, folder)
 
 
 def _up(source: Source, what: str) -> str:
     """The axis of the file that points up: cameras of drones hold the horizon, so their sides lie level."""
-    tables = [table for table in source.tables if "pose.orientation.w" in table]
-    if not tables:
+    if not (tables := [table for table in source.tables if "pose.orientation.w" in table]):
         raise InputError(what, "holds no frame of its own", "cameras and surface in one", "give --structure")
     turns = Rotation.from_quat(tables[0].stack(*(f"pose.orientation.{axis}" for axis in "xyzw")))
     sides: Floats = turns.apply([0.0, 1.0, 0.0])

@@ -1,8 +1,4 @@
-"""Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM, in the project's frame.
-
-Metashape and RealityCapture place a project on the Earth themselves. A camera looks along z, x right, y down,
-unless a format has it otherwise.
-"""
+"""Photogrammetry: cameras of OpenSfM, OpenDroneMap, nerfstudio, Bundler, NVM, Metashape, RealityCapture."""
 
 import csv
 import io
@@ -76,8 +72,7 @@ def reconstructed(
 
 def _opensfm(content: list[Any]) -> Source:
     """A turn is an axis with its angle, world to camera; the world is east, north and up of a place."""
-    parts = [part for part in content if part.get("shots")]
-    if not parts:
+    if not (parts := [part for part in content if part.get("shots")]):
         raise refusal("holds no reconstructed photo", "a reconstruction with shots", "run the project again")
     part = max(parts, key=lambda each: len(each["shots"]))
     shots = [shot for _, shot in sorted(part["shots"].items())]
@@ -153,8 +148,7 @@ def _bundler(lines: list[str]) -> Source:
     shots = [rows[at : at + 5] for at in range(0, len(rows) - 4, 5) if rows[at][0] > 0]
     turns = np.array([each[1:4] for each in shots]).reshape(-1, 3, 3)
     shifts = np.array([each[4] for each in shots]).reshape(-1, 3)
-    centres = -np.einsum("nji,nj->ni", turns, shifts)
-    return reconstructed(np.swapaxes(turns, 1, 2) @ _FLIPPED, centres)
+    return reconstructed(np.swapaxes(turns, 1, 2) @ _FLIPPED, -np.einsum("nji,nj->ni", turns, shifts))
 
 
 def _nvm(lines: list[str]) -> Source:
@@ -162,8 +156,7 @@ def _nvm(lines: list[str]) -> Source:
     at = next((index for index, line in enumerate(lines[1:], 1) if line.strip()), 0)
     rows = sorted(line.replace("\t", " ").rsplit(" ", 10) for line in lines[at + 1 : at + 1 + int(lines[at])])
     values = np.array([[float(value) for value in row[1:9]] for row in rows])
-    turns = Rotation.from_quat(values[:, [2, 3, 4, 1]]).inv()
-    return reconstructed(turns.as_matrix(), values[:, 5:8])
+    return reconstructed(Rotation.from_quat(values[:, [2, 3, 4, 1]]).inv().as_matrix(), values[:, 5:8])
 
 
 _CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2")
@@ -172,8 +165,7 @@ _ALIGN = ("at least two", "align the photos, export again")
 
 def _metashape(root: Any) -> Source:
     """Matrices from the camera to the chunk, and where it is placed from the chunk to the Earth's centre."""
-    chunk = next(root.iter("chunk"), None)
-    listed = [] if chunk is None else chunk.iter("camera")
+    listed = [] if (chunk := next(root.iter("chunk"), None)) is None else chunk.iter("camera")
     shots = [each for each in listed if each.find("transform") is not None]
     if chunk is None or len(shots) < 2:
         raise refusal(f"holds {len(shots)} aligned cameras", *_ALIGN)
@@ -220,8 +212,7 @@ def _numbers(node: Any, count: int) -> Floats:
 
 def _realitycapture(text: str) -> Source:
     """``#name,x,y,alt,heading,pitch,roll,f``: degrees; x and y in degrees too where they are of the Earth."""
-    rows = list(csv.DictReader(io.StringIO(text.lstrip("#"))))
-    if len(rows) < 2:
+    if len(rows := list(csv.DictReader(io.StringIO(text.lstrip("#"))))) < 2:
         raise refusal(f"holds {len(rows)} cameras", *_ALIGN)
     names = ("x", "y", "alt", "heading", "pitch", "roll")
     x, y, alt, yaw, pitch, roll = np.array([[float(row[name]) for name in names] for row in rows]).T
@@ -237,6 +228,5 @@ def _realitycapture(text: str) -> Source:
         tables = [place, fill.gimbals("/cameras", t_ns, yaw, pitch, roll), *tables]
         return Source(tables, notes=notes, stills=True, timed=False)
     turns = Rotation.from_euler("ZYX", np.column_stack([90 - yaw, -pitch, roll]), degrees=True).as_quat()
-    poses = fill.poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project")
-    facts = {"body_frame": "camera"}
-    return Source([poses, *tables], notes=notes, defaults=facts, stills=True, timed=False)
+    tables = [fill.poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project"), *tables]
+    return Source(tables, notes=notes, defaults={"body_frame": "camera"}, stills=True, timed=False)

@@ -30,7 +30,7 @@ class Source:
     tables: list[Table]
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     losses: list[str] = field(default_factory=list)
-    listed: str = ""  # topics and schemas in words; of the tables where empty
+    listed: str = ""  # topics and schemas in words; those of the tables where empty
     read_pct: float = 100.0
     notes: list[str] = field(default_factory=list)
     defaults: dict[str, Any] = field(default_factory=dict)  # facts that hold where nothing else is declared
@@ -38,11 +38,6 @@ class Source:
     place: Placement | None = None  # of the project's frame, where that is east, north and up of a place
     planned: bool = False  # a mission that was written, not a flight that was flown
     timed: bool = True  # False: it holds no times, and its poses are numbered
-
-    @property
-    def topics(self) -> str:
-        """Topics and schemas in words."""
-        return self.listed or ", ".join(f"{it.channel.topic} ({it.schema})" for it in self.tables[:12])
 
 
 def refusal(finding: str, rule: str = "", remedy: str = "") -> InputError:
@@ -108,9 +103,8 @@ def cameras(
 def ned_wxyz(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
     """Quaternions (N, 4) ``w x y z``, forward, right, down in north, east, down; NaN where an angle is."""
     angles = np.column_stack([yaw, pitch, roll]).astype(float)
-    good = np.isfinite(angles).all(axis=1)
     quats = np.full((len(angles), 4), np.nan)
-    if good.any():
+    if (good := np.isfinite(angles).all(axis=1)).any():
         quats[good] = Rotation.from_euler("ZYX", angles[good], degrees=True).as_quat()[:, [3, 0, 1, 2]]
     return quats
 
@@ -133,8 +127,7 @@ def spread(t_ns: Ints) -> Ints:
 
 def dated(text: str) -> float:
     """Milliseconds since 1970 of the first date in a text; NaN where there is none."""
-    hit = _DATE.search(text)
-    if hit is None:
+    if (hit := _DATE.search(text)) is None:
         return float("nan")
     year, month, day, hour, minute, second = map(int, hit.groups()[:6])
     try:

@@ -15,13 +15,11 @@ from upplied.outputs.colours import BACKGROUND, FAINT, TEXT
 from upplied.outputs.draw.views import Frame
 
 with extra("export"):
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-_PAD = 18
+_PAD, _HEAD, _LINE = 18, 46, 26
 _ROW = 18  # height of a line of a label
-_HEAD = 46
-_LINE = 26
-_LABEL, _SMALL = 17, 14
+_LABEL, _SMALL = 16, 14
 _SPELLED = str.maketrans(
     {"×": "x", "→": "to", "²": "2", "³": "3", "–": "-", "—": "-", "’": "'", "≥": ">=", "≤": "<="}
 )
@@ -41,8 +39,7 @@ class Panel:
 def padded(panel: Panel, high: int) -> Panel:
     """The panel in the middle of a higher one, as its frame would show it there."""
     more = (high - len(panel.image)) // 2
-    white = [int(BACKGROUND[at : at + 2], 16) for at in (1, 3, 5)]
-    rows = np.full((more, panel.image.shape[1], 3), white, np.uint8)
+    rows = np.full((more, panel.image.shape[1], 3), ImageColor.getrgb(BACKGROUND), np.uint8)
     image = np.concatenate([rows, panel.image, rows])
     return replace(panel, image=image, frame=replace(panel.frame, height=len(image)))
 
@@ -50,8 +47,6 @@ def padded(panel: Panel, high: int) -> Panel:
 def drawable(text: str) -> str:
     """The text in the letters that Pillow's own font has.
 
-    Examples
-    --------
     >>> drawable("Fréchet 2 × 3 m → ok")
     'Frechet 2 x 3 m to ok'
     """
@@ -77,7 +72,7 @@ def sheet_png(
     bottom = max(panel.y + panel.image.shape[0] for panel in panels)
     notes = _wrapped(subtitle, width - 2 * _PAD, _SMALL) if subtitle else []
     head = _HEAD + _LINE * len(notes)
-    entries = _legend_rows(legend, width)
+    entries = _entries(legend, width)
     rows = max((row for *_, row in entries), default=-1) + 1
     sheet = Image.new("RGB", (width, head + bottom + (_LINE * rows + _PAD if rows else 0)), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
@@ -89,7 +84,12 @@ def sheet_png(
     for panel in panels:
         _annotate(draw, panel, head, room)
     for name, colour, mark, x, row in entries:
-        _legend_entry(draw, (x, head + bottom + row * _LINE + 4), name, colour, mark)
+        y = head + bottom + row * _LINE + 4
+        if mark == "line":
+            draw.line([(x, y + 9), (x + 26, y + 9)], fill=colour, width=4)
+        else:
+            draw.rectangle([(x + 4, y + 2), (x + 20, y + 17)], fill=colour)
+        draw.text((x + 34, y), name, fill=TEXT, font=font(_LABEL))
     return png(np.asarray(sheet))
 
 
@@ -101,7 +101,6 @@ def png(image: np.ndarray) -> bytes:
 
 
 def _labelled(panel: Panel) -> list[str]:
-    """The lines of the panel's label."""
     return _wrapped(panel.label, panel.image.shape[1] - 2 * _PAD, _SMALL)[:3]
 
 
@@ -125,8 +124,6 @@ def _annotate(draw: ImageDraw.ImageDraw, panel: Panel, head: int, room: int) -> 
 def round_length(metres: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not longer.
 
-    Examples
-    --------
     >>> round_length(37.0)
     20.0
     """
@@ -134,25 +131,11 @@ def round_length(metres: float) -> float:
     return float(max(step for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)) * power)
 
 
-def _legend_entry(
-    draw: ImageDraw.ImageDraw, at: tuple[float, float], name: str, colour: str, mark: str
-) -> None:
-    x, y = at
-    if mark == "line":
-        draw.line([(x, y + 9), (x + 26, y + 9)], fill=colour, width=4)
-    else:
-        draw.rectangle([(x + 4, y + 2), (x + 20, y + 17)], fill=colour)
-    draw.text((x + 34, y), name, fill=TEXT, font=font(_LABEL - 1))
-
-
-def _legend_rows(
-    legend: Sequence[tuple[str, str, str]], width: int
-) -> list[tuple[str, str, str, float, int]]:
+def _entries(legend: Sequence[tuple[str, str, str]], width: int) -> list[tuple[str, str, str, float, int]]:
     """Legend entries with their place: x in px and row."""
-    out = []
-    x, row = float(_PAD), 0
+    out, x, row = [], float(_PAD), 0
     for name, colour, mark in dict.fromkeys((drawable(name), colour, mark) for name, colour, mark in legend):
-        wide = 34 + font(_LABEL - 1).getlength(name) + 28
+        wide = 34 + font(_LABEL).getlength(name) + 28
         if x > _PAD and x + wide > width:
             x, row = float(_PAD), row + 1
         out.append((name, colour, mark, x, row))

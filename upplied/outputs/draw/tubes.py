@@ -12,6 +12,7 @@ from upplied.geometry.vectors import across
 from upplied.records import Camera, Floats, Ints
 
 _SIDES = 6
+Colour = tuple[float, float, float]  # red, green and blue in 0 .. 1
 
 
 @dataclass(frozen=True)
@@ -25,37 +26,27 @@ class Tubes:
 
 def joined(parts: list[Tubes]) -> Tubes:
     """Several meshes as one."""
+    parts = [Tubes(np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty((0, 3))), *parts]
     offsets = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return Tubes(
-        np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
-        np.concatenate(
-            [np.empty((0, 3), np.int64)]
-            + [part.triangles + offset for part, offset in zip(parts, offsets, strict=False)]
-        ),
-        np.concatenate([np.empty((0, 3)), *(part.colours for part in parts)]),
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.triangles + offset for part, offset in zip(parts, offsets, strict=False)]),
+        np.concatenate([part.colours for part in parts]),
     )
 
 
 def tubes(starts: Floats, ends: Floats, radius_m: float, colour: tuple[float, float, float]) -> Tubes:
-    """A six-sided tube with pointed caps around each segment.
-
-    Parameters
-    ----------
-    starts, ends : array, shape (N, 3), m
-    radius_m : float
-    colour : (red, green, blue) in 0 .. 1
-    """
+    """A six-sided tube with pointed caps around each segment, from starts (N, 3) to ends (N, 3), m."""
     along = ends - starts
     length = np.linalg.norm(along, axis=1, keepdims=True)
     long_enough = length[:, 0] > 1e-9
     starts, ends, along = (each[long_enough] for each in (starts, ends, along / np.maximum(length, 1e-9)))
     side, up = across(along)
-    angle = np.arange(_SIDES) * 2 * np.pi / _SIDES
+    here = np.arange(_SIDES)
+    after, angle = (here + 1) % _SIDES, here * 2 * np.pi / _SIDES
     rim = radius_m * (np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * up[:, None])
     tips = np.stack([starts - radius_m * along, ends + radius_m * along], axis=1)
     vertices = np.concatenate([starts[:, None] + rim, ends[:, None] + rim, tips], axis=1)
-    here = np.arange(_SIDES)
-    after = (here + 1) % _SIDES
     pattern = np.concatenate(
         [
             np.stack([here, after, here + _SIDES], axis=1),
@@ -81,20 +72,13 @@ def thinned(positions: Floats, step_m: float) -> Floats:
     """The first and last position, and between them those at least a step apart along the path."""
     if len(positions) < 3 or step_m <= 0:
         return positions
-    arc = arc_length(positions)
-    cell = np.floor(arc / step_m)
-    keep = np.concatenate([[True], np.diff(cell) > 0])
+    keep = np.append(True, np.diff(np.floor(arc_length(positions) / step_m)) > 0)
     keep[-1] = True
     return positions[keep]
 
 
 def frusta(
-    positions: Floats,
-    quat_xyzw: Floats,
-    camera: Camera,
-    depth_m: float,
-    radius_m: float,
-    colour: tuple[float, float, float],
+    positions: Floats, quat_xyzw: Floats, camera: Camera, depth_m: float, radius_m: float, colour: Colour
 ) -> Tubes:
     """The edges of each camera's pyramid of sight, cut off at a depth."""
     corners = frustum_corners(positions, quat_xyzw, camera, depth_m)

@@ -101,8 +101,7 @@ def proportion(view: View, points: Floats) -> float:
 def _axes(view: View) -> Floats:
     """Columns: right, up and back (towards the eye) of the view, structure frame."""
     azimuth, elevation = np.radians([view.azimuth_deg, view.elevation_deg])
-    back = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
+    level = np.cos(elevation)
+    back = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     return np.stack([right, np.cross(back, right), back], axis=1)

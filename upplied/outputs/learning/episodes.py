@@ -1,19 +1,28 @@
-"""Plans and demonstrations as episodes: each with what it is to do, how it did and where it came from."""
+"""Plans and demonstrations as episodes: each with what it is to do, how it did and where it came from.
+
+As text files of TUM's format, which ``evo`` reads, they are paths alone.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from io import StringIO
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs.exporting import kinds_of, names_of
+from upplied.catalog.verbs.exporting import kinds_of, names_of, new_folder, splits_of
+from upplied.errors import InputError
+from upplied.files import replace_file
 from upplied.records import Trajectory
 
 _PART_PCT = 10  # share of what was inspected from which on a part is named in the task
@@ -55,8 +64,7 @@ def of_plans(
         target, name = str(row["target_id"]), str(row["demonstration_id"])
         about = _facts(flown.get(name, {}), "plan", name, row["source_id"], target, row["kind"])
         about |= {key: row[key] for key in (*_WORDS, *_MEASURED, "path_length_m", "duration_s")}
-        about["state"] = states[row["transfer_id"]]
-        about["demonstration_sha256"] = row["demonstration_sha256"]
+        about |= {"state": states[row["transfer_id"]], "demonstration_sha256": row["demonstration_sha256"]}
         task = _task(about, row["counterparts"])
         yield Episode(catalog.path_of(row), task, about, side.get(target, "train"))
 
@@ -80,16 +88,10 @@ def of_demonstrations(
 
 def _facts(row: Row, origin: str, name: str, source: str, structure: str, kind: str) -> dict[str, Any]:
     """What episodes of plans and of demonstrations both say; the camera is the demonstration's."""
-    return {
-        "origin": origin,
-        "demonstration_id": name,
-        "source_id": source,
-        "structure_id": structure,
-        "kind": kind,
-        "operator": str(row.get("operator") or ""),
-        **{key: float(row.get(key, math.nan)) for key in _FIGURES},
-        "demonstration_sha256": str(row.get("sha256") or ""),
-    }
+    ids = {"origin": origin, "demonstration_id": name, "source_id": source, "structure_id": structure}
+    figures = {key: float(row.get(key, math.nan)) for key in _FIGURES}
+    operator, sha256 = (str(row.get(key) or "") for key in ("operator", "sha256"))
+    return {**ids, "kind": kind, "operator": operator, **figures, "demonstration_sha256": sha256}
 
 
 def _task(facts: Mapping[str, Any], counterparts: str, about: str = "") -> str:
@@ -100,3 +102,31 @@ def _task(facts: Mapping[str, Any], counterparts: str, about: str = "") -> str:
     what = f"its {'parts' if ' and ' in parts else 'part'} {parts}" if parts else about
     kind, name = facts["kind"].replace("_", " ") or "structure", facts["demonstration_id"]
     return f"Fly the camera round the {kind} and inspect {what or 'what the expert did'}, as {name} shows."
+
+
+def export_tum(
+    catalog: Catalog, folder: str | os.PathLike[str], transfers: pd.DataFrame | Sequence[str]
+) -> dict[str, int]:
+    """Write plans, and every demonstration in use, as one text file each, with ``splits.json``.
+
+    A line is ``t x y z qx qy qz qw``: s, m, camera frame (x forward) to structure frame. Parameters are those
+    of `export_dataset`; plans without a trajectory are left out. Returns the numbers of both.
+    """
+    place, rows = new_folder(folder), with_path(catalog, transfers)
+    flights = list(catalog.demonstrations()["demonstration_id"])
+    if not rows and not flights:
+        raise InputError("trajectories", "there are none", "at least one plan or demonstration")
+    for row in rows:
+        path = catalog.path_of(row)
+        _write_tum(place / "plans" / f"{row['transfer_id']}.txt", path.t_s, path)
+    for name in flights:
+        flown = catalog.demonstration(name)
+        _write_tum(place / "demonstrations" / f"{name}.txt", flown.t_ns * 1e-9, flown.trajectory)
+    replace_file(place / "splits.json", json.dumps(splits_of(catalog, rows), indent=1))
+    return {"plans": len(rows), "demonstrations": len(flights)}
+
+
+def _write_tum(path: Path, t_s: Any, steps: Trajectory) -> None:
+    text = StringIO()
+    np.savetxt(text, np.column_stack([t_s, steps.positions, steps.quat_xyzw]), fmt="%.9f")
+    replace_file(path, text.getvalue())

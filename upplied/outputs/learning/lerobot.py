@@ -1,9 +1,8 @@
 """Demonstrations and plans in the layout of LeRobot's datasets, version 3.
 
-An episode is a trajectory, a frame is a pose at a steady rate. State and action are the pose of the
-camera in the structure frame (x y z, m; quaternion x y z w, continuous); the action is the pose of the
-next frame. What the layout has no place for (structure, operator, measures, hashes) stands beside each
-episode in ``meta/episodes``, and what a person should know in ``README.md``.
+An episode is a trajectory, a frame a pose of the camera at a steady rate in the structure frame (x y z, m;
+quaternion x y z w, continuous); the action is the pose of the next frame. What the layout has no place for
+stands beside each episode in ``meta/episodes``, and what a person should know in ``README.md``.
 """
 
 from __future__ import annotations
@@ -53,6 +52,9 @@ def export_lerobot(
 ) -> dict[str, int]:
     """Write plans, and the demonstrations, as a dataset in LeRobot's layout, version 3, with a data card.
 
+    Returns the numbers of episodes (of a demonstration one for each stretch without a gap), plans,
+    demonstrations and frames.
+
     Parameters
     ----------
     catalog, folder, transfers, licence, attribution
@@ -62,15 +64,7 @@ def export_lerobot(
     demonstrations : sequence of str, optional
         Ids; by default every one in use.
 
-    Returns
-    -------
-    dict
-        Number of episodes, plans, demonstrations (an episode for each stretch without a gap) and frames.
-
-    Raises
-    ------
-    InputError
-        Where the folder is not empty, or there is nothing to write.
+    Raises InputError where the folder is not empty, or there is nothing to write.
     """
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
@@ -94,22 +88,21 @@ def export_lerobot(
             _write_frames(place, file, frames)
             frames, file = [], file + 1
         frames.append(columns)
-        described.append(_episode(each, columns, total, total + count, file))
+        described.append(_episode(each, columns, total, file))
         total += count
     _write_frames(place, file, frames)
     _write(place / _EPISODES, pa.Table.from_pylist(described))
     by_task = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(tasks, name="task"))
     _write(place / "meta" / "tasks.parquet", pa.Table.from_pandas(by_task))
     features = sorted({name.split("/")[1] for name in described[0] if name.startswith("stats/")})
-    statistics = {feature: _pooled(described, f"stats/{feature}/") for feature in features}
-    replace_file(place / "meta" / "stats.json", _json(statistics))
     splits = splits_of(catalog, rows, flown)
     for way, column in (("by_structure", "split"), ("by_kind", "kind")):
         for value, part in splits[way].items():
             part["episodes"] = [row["episode_index"] for row in described if row[column] == value]
-    replace_file(place / "meta" / "splits.json", _json(splits))
     info = _info(described, total, len(tasks), fps)
-    replace_file(place / "meta" / "info.json", _json(info))
+    statistics = {feature: _pooled(described, f"stats/{feature}/") for feature in features}
+    for name, content in (("stats", statistics), ("splits", splits), ("info", info)):
+        replace_file(place / "meta" / f"{name}.json", json.dumps(content, indent=4))
     replace_file(place / "README.md", _data_card(described, info, licence, attribution).encode())
     return {"episodes": len(episodes), "plans": len(rows), "demonstrations": len(flown), "frames": total}
 
@@ -133,21 +126,21 @@ def _frames(path: Trajectory, fps: int, episode: int, task: int, first: int) -> 
     }
 
 
-def _episode(each: Episode, frames: Mapping[str, Any], first: int, stop: int, file: int) -> dict[str, Any]:
+def _episode(each: Episode, frames: Mapping[str, Any], first: int, file: int) -> dict[str, Any]:
     """The row of one episode: where its frames lie, their statistics, and where it came from."""
     statistics = {
         f"stats/{name}/{measure}": value
         for name, values in frames.items()
         for measure, value in _statistics(values).items()
     }
-    chunk = _chunk(file)
+    chunk, count = _chunk(file), len(frames["index"])
     return {
         "episode_index": int(frames["episode_index"][0]),
         "tasks": [each.task],
-        "length": stop - first,
+        "length": count,
         **{f"data/{name}": number for name, number in chunk.items()},
         "dataset_from_index": first,
-        "dataset_to_index": stop,
+        "dataset_to_index": first + count,
         **{f"meta/episodes/{name}": 0 for name in chunk},
         "split": each.split,
         **statistics,
@@ -156,7 +149,6 @@ def _episode(each: Episode, frames: Mapping[str, Any], first: int, stop: int, fi
 
 
 def _chunk(file: int) -> dict[str, int]:
-    """Where a file of frames lies."""
     return {"chunk_index": file // _FILES_A_CHUNK, "file_index": file % _FILES_A_CHUNK}
 
 
@@ -222,13 +214,7 @@ def _write(path: Path, table: pa.Table) -> None:
     replace_file(path, sink.getvalue())
 
 
-def _json(value: Any) -> bytes:
-    return json.dumps(value, indent=4).encode()
-
-
-def _data_card(
-    episodes: Sequence[Mapping[str, Any]], info: Mapping[str, Any], licence: str, attribution: str
-) -> str:
+def _data_card(episodes: Sequence[Mapping[str, Any]], info: dict[str, Any], licence: str, named: str) -> str:
     """``README.md``: what the dataset holds, how to read it and what it is not, as dataset hubs read it."""
     counts = Counter((row["kind"], row["split"], row["origin"]) for row in episodes)
     kinds = sorted({kind for kind, _, _ in counts})
@@ -244,7 +230,7 @@ def _data_card(
     return text.format(
         licence=json.dumps(licence or "unknown"),
         rights=licence or "none was stated: ask whoever gave you this before you pass it on",
-        whom=f" Please name: {attribution}." if attribution else "",
+        whom=f" Please name: {named}." if named else "",
         episodes=len(episodes),
         frames=info["total_frames"],
         fps=info["fps"],
@@ -256,7 +242,7 @@ def _data_card(
 
 
 def _line(name: str, values: Sequence[float | None]) -> str:
-    known = np.array([value for value in values if value is not None and value == value], float)
+    known = pd.Series(values, dtype=float).dropna().to_numpy()
     if not len(known):
         return f"- `{name}`: not computed"
     low, middle, high = np.quantile(known, (0, 0.5, 1))

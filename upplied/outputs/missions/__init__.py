@@ -11,14 +11,11 @@ import numpy as np
 from upplied.errors import SettingsError
 from upplied.files import replace_file
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions import gate, maps
+from upplied.outputs.missions import gate, maps, mavlink
 from upplied.outputs.missions.dji_wpml import dji_kmz
-from upplied.outputs.missions.fences import fence_text, fenced, rally_text
 from upplied.outputs.missions.flying import FORMATS, Flying
-from upplied.outputs.missions.litchi import litchi_text
-from upplied.outputs.missions.mavlink import mavlink_text, qgc_plan_text
 from upplied.outputs.missions.mcap import mcap_bytes
-from upplied.outputs.missions.mission import missions_of
+from upplied.outputs.missions.mission import fenced, missions_of
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mcap, read_mission
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
@@ -28,10 +25,10 @@ __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missio
 
 #: Writers of all formats but MCAP, which contains the plan itself.
 _WRITERS: dict[str, Callable[[Mission, MissionOptions], bytes | str]] = {
-    "qgc-plan": qgc_plan_text,
-    "mavlink": mavlink_text,
+    "qgc-plan": mavlink.qgc_plan_text,
+    "mavlink": mavlink.mavlink_text,
     "dji-wpml": dji_kmz,
-    "litchi": lambda mission, _: litchi_text(mission),
+    "litchi": lambda mission, _: maps.litchi_text(mission),
     "kml": lambda mission, _: maps.kml_text(mission),
     "geojson": lambda mission, _: maps.geojson_text(mission),
     "csv": lambda mission, _: maps.csv_text(mission),
@@ -63,34 +60,25 @@ def export(
 
     Parameters
     ----------
-    plan : Plan
-        It must be ok.
-    structure : Structure
-        The target of the plan; every format but MCAP needs its place on the Earth.
+    plan, structure : Plan, Structure
+        The plan must be ok; every format but MCAP needs the target's place on the Earth.
     format : {"qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"}
     path : path
         Output file; several sorties become ``name-1of3.ext`` and so on.
-    options : MissionOptions, optional
     camera : Camera, optional
         Of the demonstration, to check that thinning loses no view.
     objections : sequence of Breach, optional
         Known breaches of rules, for instance that the plan is superseded.
-    keep : callable, optional
-        Receives the rules that were overruled, before the first file is written.
-    zones : callable, optional
-        Results of the required zones, as notes; those of the plan itself without sorties.
+    keep, zones : callable, optional
+        The first receives the rules that were overruled, before the first file is written; the second gives
+        the results of the required zones, as notes; those of the plan itself without sorties.
 
-    Raises
-    ------
-    RefusedError
-        If the plan is not ok, the place is unknown, no safe mission follows from it, or the bytes that
-        would be written break a rule of the gate that is not overruled.
-    SettingsError
-        If the format or an option is not known.
+    Raises RefusedError if the plan is not ok, the place is unknown, no safe mission follows from it, or the
+    bytes that would be written break a rule of the gate that is not overruled; SettingsError if the format
+    or an option is not known.
     """
     options = options or MissionOptions()
-    goal = Path(path)
-    limits = gate.limits_of(options, interval_of(options, camera)[0])
+    goal, limits = Path(path), gate.limits_of(options, interval_of(options, camera)[0])
     named = [*gate.plan_breaches(plan), *objections]
     if format == "mcap":
         content = mcap_bytes(plan, structure, camera)
@@ -99,13 +87,12 @@ def export(
         notes = (*gate.notes_of(overruled), *zones(()))
         content = mcap_bytes(plan, structure, camera, notes) if notes else content
         keep(overruled)
-        written = replace_file(goal, content)
-        return Exported((written,), (), ("coordinates in metres, structure frame", *notes), overruled)
+        notes = ("coordinates in metres, structure frame", *notes)
+        return Exported((replace_file(goal, content),), (), notes, overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    missions = fenced(
-        missions_for(format, plan, structure, options, camera, objections), structure, plan.supposed
-    )
+    sorties = missions_for(format, plan, structure, options, camera, objections)
+    missions = fenced(sorties, structure, plan.supposed)
     by_words: dict[str, gate.Breach] = {}  # overruled breaches
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, _written(format, mission, options), mission)
@@ -113,19 +100,17 @@ def export(
         by_words |= {str(one): one for one in gate.pass_or_refuse(mission.name, broken, options.overruled)}
     more = tuple(breach for breach in by_words.values() if breach not in missions[0].overruled)
     notes = (*gate.notes_of(more), *zones(missions))
-    missions = [
-        replace(one, notes=(*notes, *one.notes), overruled=(*one.overruled, *more)) for one in missions
-    ]
+    missions = [replace(m, notes=(*notes, *m.notes), overruled=(*m.overruled, *more)) for m in missions]
     keep(missions[0].overruled)
-    paths = [replace_file(_numbered(goal, one), _written(format, one, options)) for one in missions]
+    paths, first = [], missions[0]
+    for one in missions:
+        numbered = goal.with_name(f"{goal.stem}-{one.number}of{one.count}{goal.suffix}")
+        paths.append(replace_file(goal if one.count == 1 else numbered, _written(format, one, options)))
     if format == "mavlink":  # separate files, for all sorties
-        beside = {
-            "fence": fence_text(missions[0]) if missions[0].fences else "",
-            "rally": rally_text(missions[0]) if len(missions[0].rally) else "",
-        }
-        names = {goal.with_name(f"{goal.stem}.{name}{goal.suffix}"): text for name, text in beside.items()}
-        paths += [replace_file(place, text) for place, text in names.items() if text]
-    return Exported(tuple(paths), tuple(missions), missions[0].notes, missions[0].overruled)
+        for name, text in (("fence", mavlink.fence_text(first)), ("rally", mavlink.rally_text(first))):
+            if text:
+                paths.append(replace_file(goal.with_name(f"{goal.stem}.{name}{goal.suffix}"), text))
+    return Exported(tuple(paths), tuple(missions), first.notes, first.overruled)
 
 
 def missions_for(
@@ -160,9 +145,3 @@ def _waiting(format: str, mission: Mission, options: MissionOptions, interval_s:
 def _written(format: str, mission: Mission, options: MissionOptions) -> bytes:
     content = _WRITERS[format](mission, options)
     return content if isinstance(content, bytes) else content.encode()
-
-
-def _numbered(goal: Path, mission: Mission) -> Path:
-    if mission.count == 1:
-        return goal
-    return goal.with_name(f"{goal.stem}-{mission.number}of{mission.count}{goal.suffix}")

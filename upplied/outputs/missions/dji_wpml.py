@@ -32,28 +32,25 @@ _STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWit
 
 def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
     """The mission as KMZ bytes with `wpmz/template.kml` and `wpmz/waylines.wpml`."""
-    settings = _mission_config(mission, options)
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    settings, buffer = _mission_config(mission, options), io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
         for name, text in (("template.kml", _template(mission)), ("waylines.wpml", _waylines(mission))):
             entry = zipfile.ZipInfo(f"wpmz/{name}", (1980, 1, 1, 0, 0, 0))
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(entry, _ELEMENTS["document"].format(settings + text))
+            archive.writestr(entry, _ELEMENTS["document"].format(settings + text), zipfile.ZIP_DEFLATED)
     return buffer.getvalue()
 
 
 def _mission_config(mission: Mission, options: MissionOptions) -> str:
-    known = ", ".join(DRONES)
     if options.drone not in DRONES:
         fault = f"is {options.drone!r}" if options.drone else "is missing"
-        raise SettingsError("mission option drone", fault, f"one of {known}", "set the model: --drone")
+        rule = f"one of {', '.join(DRONES)}"
+        raise SettingsError("mission option drone", fault, rule, "set the model: --drone")
     kind, sub_kind, *built_in = DRONES[options.drone]
     payload = next(iter(built_in), None) if options.payload is None else options.payload
     if payload is None:
         rule = "DJI's payload number, for instance 42 (H20), 43 (H20T), 61 (H20N), 82 (H30), 83 (H30T)"
         raise SettingsError("mission option payload", f"the {options.drone} has no built-in camera", rule)
-    climb = float(np.clip(mission.height_m[0], *_SAFE_HEIGHT_M))
-    back = float(np.clip(mission.return_height_m, *_SAFE_HEIGHT_M))
+    climb, back = np.clip([mission.height_m[0], mission.return_height_m], *_SAFE_HEIGHT_M)
     config = _ELEMENTS["config"] | {
         "takeOffSecurityHeight": f"{climb:.1f}",
         "globalTransitionalSpeed": f"{options.transit_mps:.2f}",
@@ -65,8 +62,9 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
 
 
 def _template(mission: Mission) -> str:
-    height = f"{float(mission.height_m.max()):.2f}"
-    head = _ELEMENTS["template"] | {"autoFlightSpeed": _cruise(mission), "globalHeight": height}
+    height = f"{mission.height_m.max():.2f}"
+    cruise = f"{np.median(mission.speed_mps):.2f}"  # m/s, which each waypoint overrides
+    head = _ELEMENTS["template"] | {"autoFlightSpeed": cruise, "globalHeight": height}
     payload = {"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}
     comments = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
     marks = _placemarks(mission, template=True)
@@ -77,7 +75,7 @@ def _waylines(mission: Mission) -> str:
     head = _ELEMENTS["waylines"] | {
         "distance": f"{leg_lengths(mission.local).sum():.1f}",
         "duration": f"{mission.duration_s:.1f}",
-        "autoFlightSpeed": _cruise(mission),
+        "autoFlightSpeed": f"{np.median(mission.speed_mps):.2f}",
     }
     return f"<Folder>\n{_xml(head)}{_placemarks(mission, template=False)}</Folder>\n"
 
@@ -102,10 +100,10 @@ def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, floa
         mark["executeHeight"] = height
     passing = mission.passing_m[at] if len(stop) == 1 else 0.0
     mode = _PASSES if passing > 0 else _STOPS
+    angle = {"waypointHeadingAngle": _signed(mission.heading_deg[at])}
     mark |= {
         "waypointSpeed": f"{after:.2f}",
-        "waypointHeadingParam": _ELEMENTS["heading"]
-        | {"waypointHeadingAngle": _signed(mission.heading_deg[at])},
+        "waypointHeadingParam": _ELEMENTS["heading"] | angle,
         "waypointTurnParam": {"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"},
         "useStraightLine": 1,
         "actionGroup": _actions(mission, number, stop, zooms),
@@ -120,14 +118,15 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
     for at in stop:
         if at > stop[0]:
             right = (mission.heading_deg[at] - mission.heading_deg[at - 1]) % 360 < 180
-            turn: dict[str, object] = {"aircraftHeading": _signed(mission.heading_deg[at])}
-            turn["aircraftPathMode"] = "clockwise" if right else "counterClockwise"
-            actions.append(("rotateYaw", turn))
+            way = {"aircraftPathMode": "clockwise" if right else "counterClockwise"}
+            actions.append(("rotateYaw", {"aircraftHeading": _signed(mission.heading_deg[at]), **way}))
         if at > stop[0] or number == 0:
             pitch = {"gimbalPitchRotateAngle": f"{mission.pitch_deg[at]:.1f}"}
             actions.append(("gimbalRotate", _ELEMENTS["gimbal"] | pitch))
         if at in zooms:
-            actions.append(("zoom", _zoom(zooms[at])))
+            focal_mm = _FILM_MM / 2 / np.tan(np.radians(min(zooms[at], 179.0)) / 2)
+            zoom = {"focalLength": f"{focal_mm:.1f}", "isUseFocalFactor": 0, "payloadPositionIndex": 0}
+            actions.append(("zoom", zoom))
         if mission.hold_s[at] > SHORTEST_HOLD_S:
             actions.append(("hover", {"hoverTime": f"{np.ceil(10 * mission.hold_s[at]) / 10:.1f}"}))
         if mission.photo[at]:
@@ -138,22 +137,15 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
             actions.append(("stopRecord", {"payloadPositionIndex": 0}))
     groups = []
     if actions:
-        groups.append(_action_group(3 * number, number, number, {"actionTriggerType": "reachPoint"}, actions))
+        groups.append(_group(number, 0, {"actionTriggerType": "reachPoint"}, actions))
     if stop[-1] + 1 < len(mission):
         even = {"gimbalPitchRotateAngle": f"{mission.pitch_deg[stop[-1] + 1]:.1f}", "payloadPositionIndex": 0}
-        turns: list[tuple[str, dict]] = [("gimbalEvenlyRotate", even)]
         between = {"actionTriggerType": "betweenAdjacentPoints"}
-        groups.append(_action_group(3 * number + 1, number, number + 1, between, turns))
+        groups.append(_group(number, 1, between, [("gimbalEvenlyRotate", even)]))
     if mission.photo_distance_m and mission.inspects_behind(stop[-1]):
         every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
-        photos = [("takePhoto", _photo(stop[-1]))]
-        groups.append(_action_group(3 * number + 2, number, number + 1, every, photos))
+        groups.append(_group(number, 2, every, [("takePhoto", _photo(stop[-1]))]))
     return groups
-
-
-def _zoom(hfov_deg: float) -> dict[str, object]:
-    focal_mm = _FILM_MM / 2 / np.tan(np.radians(min(hfov_deg, 179.0)) / 2)
-    return {"focalLength": f"{focal_mm:.1f}", "isUseFocalFactor": 0, "payloadPositionIndex": 0}
 
 
 def _photo(at: int) -> dict[str, object]:
@@ -165,25 +157,15 @@ def _signed(heading_deg: float) -> str:
     return f"{(heading_deg + 180) % 360 - 180:.1f}"
 
 
-def _action_group(
-    number: int, first: int, last: int, trigger: dict, actions: list[tuple[str, dict]]
-) -> dict[str, object]:
-    return {
-        "actionGroupId": number,
-        "actionGroupStartIndex": first,
-        "actionGroupEndIndex": last,
-        "actionGroupMode": "sequence",
-        "actionTrigger": trigger,
-        "action": [
-            {"actionId": at, "actionActuatorFunc": name, "actionActuatorFuncParam": parameters}
-            for at, (name, parameters) in enumerate(actions)
-        ],
-    }
-
-
-def _cruise(mission: Mission) -> str:
-    """One speed for the whole route, m/s, which each waypoint overrides."""
-    return f"{float(np.median(mission.speed_mps)):.2f}"
+def _group(number: int, kind: int, trigger: dict, actions: list[tuple[str, dict]]) -> dict[str, object]:
+    """What is done at a waypoint (kind 0), or on the leg behind it."""
+    group: dict[str, object] = {"actionGroupId": 3 * number + kind, "actionGroupStartIndex": number}
+    group |= {"actionGroupEndIndex": number + (kind > 0), "actionGroupMode": "sequence"}
+    listed = [
+        {"actionId": at, "actionActuatorFunc": name, "actionActuatorFuncParam": parameters}
+        for at, (name, parameters) in enumerate(actions)
+    ]
+    return group | {"actionTrigger": trigger, "action": listed}
 
 
 def _xml(values: Mapping[str, object]) -> str:

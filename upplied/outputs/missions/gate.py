@@ -1,8 +1,7 @@
 """The gate: a mission that breaks a rule is refused, unless a person overrules that rule by its name.
 
-The gate judges the path that is read again from the bytes of the file, with every leg from take-off to
-landing. Overruled rules are recorded in the notes of the mission, and in its file if the format has room for
-text.
+It judges the path that is read again from the bytes of the file, from take-off to landing. Overruled rules
+are recorded in the notes of the mission, and in its file if the format has room for text.
 """
 
 from __future__ import annotations
@@ -80,64 +79,37 @@ class Breach:
 
 
 def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Breach]:
-    """Every rule that a stored plan breaks, its steps judged again; none where it has none.
-
-    Parameters
-    ----------
-    plan : Plan
-    structure : Structure
-        The target, with its surroundings.
-    clearance_m : float
-        Required distance from the structure, m.
+    """Every rule that a stored plan breaks, its steps judged again with this required distance; none
+    where it has none.
     """
     path = plan.trajectory
     if path is None:
         return []
-    limits = Limits(clearance_m=clearance_m)
-    judged = breaches(planned(path.positions, path.t_s), structure, limits, plan.supposed)
-    return [*plan_breaches(plan), *judged]
+    steps, limits = planned(path.positions, path.t_s), Limits(clearance_m=clearance_m)
+    return [*plan_breaches(plan), *breaches(steps, structure, limits, plan.supposed)]
 
 
 def limits_of(options: MissionOptions, trigger_s: float = 0.0) -> Limits:
     """The limits of the options, and the least time between two photos."""
-    return Limits(
-        trigger_s=trigger_s,
-        clearance_m=options.clearance_m,
-        max_height_m=options.max_height_m,
-        least_seen_pct=options.least_seen_pct,
-    )
+    own = {name: getattr(options, name) for name in ("clearance_m", "max_height_m", "least_seen_pct")}
+    return Limits(trigger_s=trigger_s, **own)
 
 
 def breaches(
     reading: Reading, structure: Structure, limits: Limits, supposed: SupposedSurface | None
 ) -> list[Breach]:
-    """Every rule that a path breaks at the structure it is flown at.
-
-    Parameters
-    ----------
-    reading : Reading
-        The whole path, m, structure frame.
-    structure : Structure
-        With its surroundings.
-    limits : Limits
-    supposed : SupposedSurface or None
-        Inferred surface of a scan, `Plan.supposed`: a path keeps clear of it as well.
-    """
-    if not np.isfinite(reading.positions).all() or (
-        len(reading.t_s) and not (np.diff(reading.t_s) > 0).all()
-    ):
+    """Every rule that a path breaks at the structure it is flown at; `supposed` is `Plan.supposed`."""
+    if not np.isfinite(reading.positions).all() or not (np.diff(reading.t_s) > 0).all():
         return [Breach("finite", "a waypoint is not finite, or times do not increase")]
-    scene = scene_for(structure, supposed)
-    breach_list = [*_around(reading, structure, limits, scene), *_moving(reading, limits)]
-    return [*breach_list, *_photographing(reading, limits)]
+    around = _around(reading, structure, limits, scene_for(structure, supposed))
+    return [*around, *_moving(reading, limits), *_photographing(reading, limits)]
 
 
 def plan_breaches(plan: Plan) -> list[Breach]:
     """Rules that a plan breaks by its preset and verdict."""
-    breach_list = [Breach("verdict", plan.not_flyable)] if plan.not_flyable else []
-    if plan.preset != "recommended":
-        breach_list.insert(0, Breach("preset", f"the plan is of preset {plan.preset}"))
-    return breach_list
+    usual = plan.preset == "recommended"
+    broken = [] if usual else [Breach("preset", f"the plan is of preset {plan.preset}")]
+    return [*broken, Breach("verdict", plan.not_flyable)] if plan.not_flyable else broken
 
 
 def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
@@ -166,35 +138,23 @@ def overlap_breaches(across: float, required: tuple[float, float] | None) -> lis
 
 
 def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ...]) -> tuple[Breach, ...]:
-    """The breaches that were overruled; refuses where others are left.
-
-    Raises
-    ------
-    RefusedError
-        Naming the first rule that is broken, the place and the remedy, and the others by name.
-    SettingsError
-        If a rule to be overruled is not known.
-    """
-    unknown = sorted(set(force) - set(RULES))
-    if unknown:
+    """The breaches that were overruled; refuses where others are left, or a rule to overrule is unknown."""
+    if unknown := sorted(set(force) - set(RULES)):
         raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
     objections = list(objections)
     left = [breach for breach in objections if breach.rule not in force]
     if left:
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
-        flags = ["--draft" if one.rule in DRAFTS else f"--force {one.rule}" for one in left]
-        names = " ".join(dict.fromkeys(flags))
+        flags = dict.fromkeys("--draft" if one.rule in DRAFTS else f"--force {one.rule}" for one in left)
         why, remedy = RULES[left[0].rule]
-        raise RefusedError(what, f"{left[0]}{more}", why, f"{remedy}, or use {names}")
+        raise RefusedError(what, f"{left[0]}{more}", why, f"{remedy}, or use {' '.join(flags)}")
     return tuple(objections)
 
 
 def notes_of(overruled: Iterable[Breach]) -> list[str]:
     """Breaches that were overruled, as notes of a mission."""
-    return [
-        f"{DRAFT} {breach.fault}" if breach.rule in DRAFTS else f"OVERRULED {breach}" for breach in overruled
-    ]
+    return [f"{DRAFT} {one.fault}" if one.rule in DRAFTS else f"OVERRULED {one}" for one in overruled]
 
 
 def written(notes: Iterable[str]) -> list[str]:
@@ -221,8 +181,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
             box = f"the box from {low.tolist()} to {high.tolist()} m"
             yield Breach("keep-out", "a leg enters", box, tuple(start[inside.argmax()]))
     fence = Airspace(scene, 0.0, Surroundings(geofence_m=around.geofence_m))
-    outside = fence.broken_legs(start, end)
-    if outside.any():
+    if (outside := fence.broken_legs(start, end)).any():
         yield Breach("geofence", "a leg leaves the fence", "", tuple(start[outside.argmax()]))
     highest = path[path[:, 2].argmax()]
     if around.ceiling_z_m is not None and highest[2] > around.ceiling_z_m + _EXACT_M:
@@ -233,11 +192,10 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
     if around.ground_z_m is not None and lowest[2] < around.ground_z_m - _EXACT_M:
         ground = f"the ground is at {around.ground_z_m:g} m"
         yield Breach("ground", f"z {lowest[2]:.2f} m", ground, tuple(lowest))
-    if limits.max_height_m is not None:
-        over = highest[2] - structure.floor_z_m
-        if over > limits.max_height_m + _EXACT_M:
-            limit = f"{limits.max_height_m:g} m are allowed (max_height_m)"
-            yield Breach("height", f"{over:.1f} m above ground", limit, tuple(highest))
+    over = highest[2] - structure.floor_z_m
+    if limits.max_height_m is not None and over > limits.max_height_m + _EXACT_M:
+        limit = f"{limits.max_height_m:g} m are allowed (max_height_m)"
+        yield Breach("height", f"{over:.1f} m above ground", limit, tuple(highest))
 
 
 def _of_supposed(scene: Scene, place: Floats, word: str) -> str:
@@ -266,8 +224,7 @@ def _photographing(reading: Reading, limits: Limits) -> Iterator[Breach]:
     allowed = f"the camera needs {limits.trigger_s:g} s"
     apart = np.diff(reading.photo_s)
     if len(apart) and apart.min() < limits.trigger_s - _SOON_S:
-        at = int(apart.argmin())
-        place = tuple(reading.photo_m[at + 1])
-        yield Breach("photos", f"a photo {apart[at]:.2f} s after the previous one", allowed, place)
+        place = tuple(reading.photo_m[int(apart.argmin()) + 1])
+        yield Breach("photos", f"a photo {apart.min():.2f} s after the previous one", allowed, place)
     if reading.every_s < limits.trigger_s - _SOON_S:
         yield Breach("photos", f"photos triggered by distance are {reading.every_s:.2f} s apart", allowed)

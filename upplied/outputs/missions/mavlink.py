@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,15 +15,11 @@ from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
-WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
-YAW = 115
+WAYPOINT, RETURN, TAKEOFF, YAW, ZOOM = 16, 20, 22, 115, 531
 SPEED, DIGICAM, MOUNT, PHOTO_DISTANCE = 178, 203, 205, 206
-ZOOM = 531
-GIMBAL, PHOTO = 1000, 2000
-FILM, FILMED = 2500, 2501
-INCLUSION, EXCLUSION = 5001, 5002  # MAV_CMD_NAV_FENCE_POLYGON_VERTEX_...
-RALLY = 5100  # MAV_CMD_NAV_RALLY_POINT
-_MISSION_FRAME, RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
+GIMBAL, PHOTO, FILM, FILMED = 1000, 2000, 2500, 2501
+INCLUSION, EXCLUSION, RALLY = 5001, 5002, 5100  # MAV_CMD_NAV_FENCE_POLYGON_VERTEX_..., ..._RALLY_POINT
+_MISSION_FRAME, _RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
 _GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, yaw to the vehicle
 _MOUNT_BY_ANGLES = 2
 _FIRMWARE, _MULTICOPTER = {"px4": 12, "ardupilot": 3}, 2  # of QGroundControl's plans
@@ -46,17 +42,32 @@ class Item:
 def mavlink_text(mission: Mission, options: MissionOptions) -> str:
     """The mission as QGC WPL 110: tab separated, home first. NaN, which the format lacks, is written as 0."""
     home = Item(WAYPOINT, _GLOBAL_FRAME, (0.0, 0.0, 0.0, 0.0, *mission.home))
-    return wpl_text([home, *items(mission, options)], current=1)
+    return _wpl_text([home, *items(mission, options)], current=1)
 
 
-def wpl_text(rows: Iterable[Item], current: int = 0) -> str:
+def fence_text(mission: Mission) -> str:
+    """The fence, likewise, for Mission Planner and MAVProxy: a row for each corner; empty without one."""
+    rows = []
+    for fence in mission.fences:
+        command, count = INCLUSION if fence.inside else EXCLUSION, len(fence.corners)
+        places = [(count, 0, 0, 0, *corner, 0) for corner in fence.corners.tolist()]
+        rows += [Item(command, _RELATIVE_FRAME, place) for place in places]
+    return _wpl_text(rows)
+
+
+def rally_text(mission: Mission) -> str:
+    """The rally points, likewise: a row for each, with its height above home; empty without any."""
+    return _wpl_text([Item(RALLY, _RELATIVE_FRAME, (0, 0, 0, 0, *each)) for each in mission.rally.tolist()])
+
+
+def _wpl_text(rows: Sequence[Item], current: int = 0) -> str:
     """A file of QGC WPL 110 with these items; `current` is the flag of the first."""
     lines = ["QGC WPL 110"]
     for seq, item in enumerate(rows):
         numbers = [f"{0.0 if math.isnan(value) else value:.8f}" for value in item.params]
         flag = current if seq == 0 else 0
         lines.append("\t".join([*map(str, (seq, flag, item.frame, item.command)), *numbers, "1"]))
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n" if rows else ""
 
 
 def items(mission: Mission, options: MissionOptions) -> list[Item]:
@@ -65,39 +76,40 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
     The vehicle's yaw carries the camera's heading, the gimbal its pitch. PX4 reads the heading from the
     waypoint, ArduPilot's copters from a command of its own before it.
     """
-    frame = RELATIVE_FRAME if mission.altitude == "relative" else _GLOBAL_FRAME
+    frame = _RELATIVE_FRAME if mission.altitude == "relative" else _GLOBAL_FRAME
     alt = mission.written_alt_m
-    home_lat, home_lon = mission.home[:2]
-    out = [Item(TAKEOFF, frame, (0.0, 0.0, 0.0, _NAN, home_lat, home_lon, alt[0]))]
+    out = [Item(TAKEOFF, frame, (0.0, 0.0, 0.0, _NAN, *mission.home[:2], alt[0]))]
     speed = pitch = _NAN
-    zooms = mission.zooms_at
-    photos = 0
-    inspecting = False
+    zooms, photos, inspecting = mission.zooms_at, 0, False
     for at in range(len(mission)):
         if not 0 <= mission.speed_mps[at] - speed <= _SLOWER * mission.speed_mps[at]:  # never faster
             speed = mission.speed_mps[at]
             out.append(_command(SPEED, 1.0, speed, -1.0))
         if not abs(mission.pitch_deg[at] - pitch) < 0.5:
             pitch = mission.pitch_deg[at]
-            out.append(_gimbal(pitch, options.gimbal))
+            if options.gimbal == "mount":
+                out.append(_command(MOUNT, pitch, 0.0, 0.0, 0.0, 0.0, 0.0, _MOUNT_BY_ANGLES))
+            else:
+                out.append(_command(GIMBAL, pitch, 0.0, _NAN, _NAN, _GIMBAL_LEVEL_WITH_VEHICLE))
         if at in zooms:
             out.append(_command(ZOOM, _ZOOM_BY_FIELD_OF_VIEW, zooms[at]))
         if options.firmware == "ardupilot":
             out.append(_command(YAW, mission.heading_deg[at]))
-        lat, lon = mission.geodetic[at, :2]
         short = SHORTEST_HOLD_S if mission.photo.any() else _SHORT_S
         hold = math.ceil(mission.hold_s[at]) if mission.hold_s[at] > short else 0.0
-        out.append(Item(WAYPOINT, frame, (hold, 0.0, 0.0, mission.heading_deg[at], lat, lon, alt[at])))
+        place = (mission.heading_deg[at], *mission.geodetic[at, :2], alt[at])
+        out.append(Item(WAYPOINT, frame, (hold, 0.0, 0.0, *place)))
         if mission.photo_distance_m and mission.inspects_behind(at) != inspecting:
             inspecting = not inspecting
-            out.append(
-                _command(PHOTO_DISTANCE, mission.photo_distance_m * inspecting, 0.0, float(inspecting))
-            )
+            every_m = mission.photo_distance_m * inspecting
+            out.append(_command(PHOTO_DISTANCE, every_m, 0.0, float(inspecting)))
         if mission.films and at in (mission.starts_at, mission.stops_at):
             out.append(_command(FILM if at == mission.starts_at else FILMED))
-        if mission.photo[at]:
-            photos += 1
-            out.append(_photo(photos, options.firmware))
+        photos += int(mission.photo[at])
+        if mission.photo[at] and options.firmware == "ardupilot":
+            out.append(_command(DIGICAM, 0.0, 0.0, 0.0, 0.0, 1.0))
+        elif mission.photo[at]:
+            out.append(_command(PHOTO, 0.0, 0.0, 1.0, float(photos)))
     return [*out, _command(RETURN)]
 
 
@@ -105,22 +117,9 @@ def _command(command: int, *params: float) -> Item:
     return Item(command, _MISSION_FRAME, (*params, *(0.0,) * (7 - len(params))))
 
 
-def _gimbal(pitch_deg: float, protocol: str) -> Item:
-    if protocol == "mount":
-        return _command(MOUNT, pitch_deg, 0.0, 0.0, 0.0, 0.0, 0.0, _MOUNT_BY_ANGLES)
-    return _command(GIMBAL, pitch_deg, 0.0, _NAN, _NAN, _GIMBAL_LEVEL_WITH_VEHICLE, 0.0, 0.0)
-
-
-def _photo(number: int, firmware: str) -> Item:
-    if firmware == "ardupilot":
-        return _command(DIGICAM, 0.0, 0.0, 0.0, 0.0, 1.0)
-    return _command(PHOTO, 0.0, 0.0, 1.0, float(number))
-
-
 def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
     """The mission as JSON of simple items; unchanged parameters become null."""
-    lat, lon, alt = (float(value) for value in mission.home)
-    simple = [_simple_item(item, at + 1, mission) for at, item in enumerate(items(mission, options))]
+    simple = [_simple_item(item, at, mission) for at, item in enumerate(items(mission, options), 1)]
     polygons = [
         {"version": 1, "inclusion": fence.inside, "polygon": fence.corners.tolist()}
         for fence in mission.fences
@@ -136,7 +135,7 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
             "cruiseSpeed": options.transit_mps,
             "hoverSpeed": options.transit_mps,
             "globalPlanAltitudeMode": _ALTITUDE_MODE[mission.altitude],
-            "plannedHomePosition": [lat, lon, alt],
+            "plannedHomePosition": mission.home.tolist(),
             "items": simple,
         },
         "geoFence": {"version": 2, "circles": [], "polygons": polygons},
@@ -146,16 +145,10 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
 
 
 def _simple_item(item: Item, number: int, mission: Mission) -> dict[str, Any]:
-    command: dict[str, Any] = {
-        "type": "SimpleItem",
-        "autoContinue": True,
-        "command": item.command,
-        "doJumpId": number,
-        "frame": item.frame,
-        "params": [None if math.isnan(value) else float(value) for value in item.params],
-    }
+    command: dict[str, Any] = {"type": "SimpleItem", "autoContinue": True, "command": item.command}
+    params = [None if math.isnan(value) else float(value) for value in item.params]
+    command |= {"doJumpId": number, "frame": item.frame, "params": params}
     if item.command in (TAKEOFF, WAYPOINT):
-        altitude = float(item.params[6])
-        mode = _ALTITUDE_MODE[mission.altitude]
-        command |= {"Altitude": altitude, "AltitudeMode": mode, "AMSLAltAboveTerrain": None}
+        command |= {"Altitude": float(item.params[6]), "AltitudeMode": _ALTITUDE_MODE[mission.altitude]}
+        command["AMSLAltAboveTerrain"] = None
     return command

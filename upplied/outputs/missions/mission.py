@@ -1,47 +1,29 @@
-"""Missions from a plan: sorties, transit legs, corners, photos, and the gate."""
+"""Missions from a plan: sorties, transit legs, corners, photos, the gate, and the fence for the autopilot."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from upplied.checks import pair_name
 from upplied.errors import RefusedError
-from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.flying import Flying, passing_m
-from upplied.outputs.missions.gate import planned
+from upplied.outputs.missions.flying import Flying, passing_m, thinned
 from upplied.outputs.missions.photos import shots_of
-from upplied.outputs.missions.records import Mission, heading_and_pitch, placement_of, to_geodetic
-from upplied.outputs.missions.thinning import thinned
-from upplied.outputs.missions.transits import (
-    SLOWEST_MPS,
-    USUAL_CEILING_M,
-    Cutter,
-    Sortie,
-    Transits,
-    default_home,
-)
+from upplied.outputs.missions.records import Fence, Mission, heading_and_pitch, placement_of, to_geodetic
+from upplied.outputs.missions.transits import USUAL_CEILING_M, Cutter, Sortie, Transits, default_home
 from upplied.planning.airspace.rules import Airspace, path_clearance
-from upplied.records import (
-    Bools,
-    Camera,
-    Floats,
-    Placement,
-    Plan,
-    Structure,
-    SupposedSurface,
-    Trajectory,
-)
+from upplied.records import Bools, Camera, Floats, Plan, Structure, SupposedSurface, Trajectory
 
 ANYTHING = Flying(zooms=True)  # a reader of the plan itself
-_SAME_PLACE_M = 0.05
-_HOVER_S = 0.05  # shorter differences in time are no hovering
 _EXACT_M = 0.02  # accuracy of a clearance
+_RALLY_CLEARANCE_M = 1.0  # minimum distance of a rally point from the structure
+_STEP_M = 0.5  # spacing of the points of the path that are tested against a box
 _NEVER_SCANNED = "part of the structure was never scanned: every leg also keeps clear of its inferred surface"
 
 
@@ -55,28 +37,27 @@ def missions_of(
 ) -> list[Mission]:
     """The sorties of a plan, each within the endurance and the number of waypoints that are allowed.
 
-    Raises
-    ------
-    RefusedError
-        If the plan is not ok, the structure's place is unknown, the altitude reference does not fit
-        its datum, no safe transit leads to the inspection and back, or the plan breaks a rule of the gate
-        that is not overruled.
+    Raises RefusedError if the plan is not ok, the structure's place is unknown or in another datum than the
+    altitudes, no safe transit leads there and back, or a rule of the gate is broken that is not overruled.
     """
     path, name = _path_of(plan, structure)
     supposed, seen = plan.supposed, (plan.surface, camera or Camera())
     placement = placement_of(structure)
-    check_altitude(options.altitude, placement, structure.structure_id)
+    if options.altitude not in ("relative", placement.datum):  # they differ by tens of metres
+        fault = f"its altitude is known as {placement.datum}, {options.altitude} was requested"
+        remedy = "export with altitude relative to take-off, or give the manifest that datum"
+        raise RefusedError(structure.structure_id, fault, "no geoid model is applied", remedy)
     if options.altitude not in flying.altitudes:
         raise RefusedError(name, f"{options.altitude} altitudes were requested", flying.altitude_rule)
-    limits = gate.limits_of(options)
-    broken = [*objections, *gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)]
+    limits, steps = gate.limits_of(options), gate.planned(path.positions, path.t_s)
+    broken = [*objections, *gate.breaches(steps, structure, limits, supposed)]
     zooms = flying.zooms and not (flying.zooms_not_by and options.firmware == flying.zooms_not_by)
     broken += gate.zoom_breaches(path, zooms)
     overruled = gate.pass_or_refuse(name, broken, options.overruled)
     notes = gate.notes_of(overruled)
     if supposed is not None:
         notes.append(_NEVER_SCANNED)
-    airspace = airspace_of(structure, supposed, path.positions, options)
+    airspace = _airspace_of(structure, supposed, path.positions, options)
     if options.home_m is None:
         home, note = default_home(structure, supposed, path.positions[0], options.clearance_m)
         notes.append(note)
@@ -98,7 +79,7 @@ def missions_of(
         )
     transits = Transits(structure, supposed, airspace, short.positions, home)
     transits.check_home()
-    passing = _passing(short, airspace, options, flying)
+    passing = passing_m(short, airspace, options.corner_m) if flying.passes else np.zeros(len(short))
     most = min(options.max_waypoints or 10**9, flying.max_waypoints or 10**9)
     cutter = Cutter(short, transits, options, most, np.where(passing > 0, 0.0, flying.stop_s))
     sorties = cutter.sorties()
@@ -133,7 +114,7 @@ def missions_of(
     return missions
 
 
-def airspace_of(
+def _airspace_of(
     structure: Structure, supposed: SupposedSurface | None, path: Floats, options: MissionOptions
 ) -> Airspace:
     """The rules for every leg of a mission round a path (N, 3), m, structure frame.
@@ -144,30 +125,16 @@ def airspace_of(
     scene = scene_for(structure, supposed)
     planned = path_clearance(scene, path).certain_m
     usual = USUAL_CEILING_M if options.max_height_m is None else options.max_height_m
+    declared = structure.surroundings.ceiling_z_m
     ceiling = max(structure.floor_z_m + usual, float(path[:, 2].max()))
-    around = structure.surroundings
-    if around.ceiling_z_m is not None:
-        ceiling = min(ceiling, around.ceiling_z_m)
-    around = replace(around, ceiling_z_m=ceiling)
+    ceiling = ceiling if declared is None else min(ceiling, declared)
+    around = replace(structure.surroundings, ceiling_z_m=ceiling)
     return Airspace(scene, min(options.clearance_m, planned) - _EXACT_M, around)
-
-
-def _passing(path: Trajectory, airspace: Airspace, options: MissionOptions, flying: Flying) -> Floats:
-    """Distance from each waypoint within which the vehicle may leave its legs, (N,), m; 0: it stops."""
-    stops = np.ones(len(path), bool)
-    if flying.passes:
-        legs = leg_lengths(path.positions)
-        hovers = np.diff(path.t_s) - legs / np.clip(legs / np.diff(path.t_s), SLOWEST_MPS, None) > _HOVER_S
-        stops = np.zeros(len(path), bool)
-        stops[:-1] |= hovers | (legs < _SAME_PLACE_M)
-        stops[1:] |= hovers | (legs < _SAME_PLACE_M)
-    return passing_m(path.positions, stops, airspace, options.corner_m)
 
 
 def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
-    """Notes for the pilot about heights, return and sorties."""
     transit_legs = [leg for sortie in sorties for leg in (sortie.outbound, sortie.inbound) if len(leg)]
     highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - transits.structure.floor_z_m
@@ -185,9 +152,8 @@ def _notes(
         notes.append(f"the mission reaches {over_ground:.0f} m above ground: more than {USUAL_CEILING_M:g} m")
     times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
-        notes.append(
-            f"{len(sorties)} flights of {times} s; each resumes at the last waypoint of the previous one"
-        )
+        resumed = "each resumes at the last waypoint of the previous one"
+        notes.append(f"{len(sorties)} flights of {times} s; {resumed}")
     elif options.endurance_s is None:
         notes.append(f"flight time about {times} s; battery not checked: set --endurance-s")
     else:
@@ -196,17 +162,6 @@ def _notes(
         where = f"each of the {stops} stops" if flying.passes else "the stop at each waypoint"
         notes.append(f"the flight time includes {flying.stop_s:g} s for {where}")
     return [*notes, flying.note] if flying.note else notes
-
-
-def check_altitude(altitude: str, placement: Placement, structure_id: str) -> None:
-    """Refuse absolute altitudes in another datum than the placement's: they differ by tens of metres."""
-    if altitude not in ("relative", placement.datum):
-        raise RefusedError(
-            structure_id,
-            f"its altitude is known as {placement.datum}, {altitude} was requested",
-            "no geoid model is applied",
-            "export with altitude relative to take-off, or give the manifest that datum",
-        )
 
 
 def _path_of(plan: Plan, structure: Structure) -> tuple[Trajectory, str]:
@@ -224,29 +179,76 @@ def _path_of(plan: Plan, structure: Structure) -> tuple[Trajectory, str]:
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
     """Fields of a mission; on its transit legs direction and zoom of the camera are constant."""
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
-    before, after = (
-        np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.outbound, sortie.inbound)
-    )
+    ends = len(sortie.outbound), len(sortie.inbound)
 
     def held(values: Floats) -> Floats:
-        ends = (
-            values[[at]].repeat(len(leg), axis=0)
-            for at, leg in ((sortie.first, before), (sortie.last, after))
-        )
-        return np.concatenate([next(ends), values[inside], next(ends)])
+        return np.pad(values[inside], [ends, (0, 0)], "edge")
 
-    legs, here = slice(sortie.first, sortie.last), np.zeros(1)
-    inspect = np.concatenate([before * 0, np.ones(sortie.last - sortie.first + 1), after * 0]) > 0
-    photos, passed = np.zeros(len(inspect), bool), np.zeros(len(inspect))
-    photos[inspect], passed[inspect] = photo[inside], passing[inside]
+    legs, transit_mps = slice(sortie.first, sortie.last), cutter.options.transit_mps
+    inspect = np.pad(np.ones(sortie.last - sortie.first + 1, bool), ends)
+    photos, passed = np.pad(photo[inside], ends), np.pad(passing[inside], ends)
     passed[np.flatnonzero(inspect)[[0, -1]]] = 0.0
     return {
         "local": np.concatenate([sortie.outbound, path.positions[inside], sortie.inbound]),
         "quat_xyzw": held(path.quat_xyzw),
-        "speed_mps": np.concatenate([before, here + cutter.options.transit_mps, cutter.speeds[legs], after]),
-        "hold_s": np.concatenate([before * 0, here, cutter.holds_s[legs], after * 0]),
+        "speed_mps": np.pad(cutter.speeds[legs], (ends[0] + 1, ends[1]), constant_values=transit_mps),
+        "hold_s": np.pad(cutter.holds_s[legs], (ends[0] + 1, ends[1])),
         "passing_m": passed,
         "photo": photos,
         "inspect": inspect,
         "fov_deg": None if path.fov_deg is None else held(path.fov_deg),
     }
+
+
+def fenced(missions: list[Mission], structure: Structure, supposed: SupposedSurface | None) -> list[Mission]:
+    """The sorties of a plan with the fence and the rally points of their structure's surroundings.
+
+    A fence consists of polygons on the ground without a top: a keep-out box under the path is omitted, with a
+    note. A vehicle that lost its link may fly to a rally point instead of home.
+    """
+    around = structure.surroundings
+    fences, passed = [], 0
+    if len(around.geofence_m):
+        fences.append(Fence(True, _corners(around.geofence_m, missions[0])))
+    for low, high in around.keep_out_m:
+        if any(_passes_over(mission, low, high) for mission in missions):
+            passed += 1
+        else:
+            box = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+            fences.append(Fence(False, _corners(box, missions[0])))
+    note = f"{passed} keep-out boxes are not in the fence, because the mission flies over them"
+    rally, notes = _rally(missions[0], structure, supposed), (note,) if passed else ()
+    return [replace(one, fences=tuple(fences), rally=rally, notes=(*one.notes, *notes)) for one in missions]
+
+
+def _rally(mission: Mission, structure: Structure, supposed: SupposedSurface | None) -> Floats:
+    """The rally points (R, 3) of a structure: latitude and longitude, deg, and height above home, m.
+
+    One where a vehicle could not land, by the rules or under the structure, is refused.
+    """
+    points = np.asarray(structure.surroundings.rally_m, float)
+    if not len(points):
+        return points
+    airspace = Airspace(scene_for(structure, supposed), _RALLY_CLEARANCE_M, structure.surroundings)
+    covered = np.isfinite(airspace.scene.cast(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))[0])
+    for number, (point, under) in enumerate(zip(points, covered.tolist(), strict=True), 1):
+        if fault := airspace.why(point) or "the structure is above it" * under:
+            reason = f"rally point {number} at {point.tolist()} m cannot be used: {fault}"
+            raise RefusedError(mission.name, reason, "correct the rally points in the manifest")
+    heights = points[:, 2:] - mission.home_local[2]
+    return np.hstack([to_geodetic(points, mission.placement)[:, :2], heights])
+
+
+def _corners(corners: Floats, mission: Mission) -> Floats:
+    points = np.column_stack([corners, np.zeros(len(corners))])
+    return to_geodetic(points, mission.placement)[:, :2]
+
+
+def _passes_over(mission: Mission, low: Floats, high: Floats) -> bool:
+    """Whether a leg, from home and back to it, has a point over the box."""
+    path = np.vstack([mission.home_local, mission.local, mission.home_local])[:, :2]
+    for start, end in pairwise(path):
+        points = np.linspace(start, end, int(np.linalg.norm(end - start) / _STEP_M) + 2)
+        if ((points >= low[:2]) & (points <= high[:2])).all(axis=1).any():
+            return True
+    return False

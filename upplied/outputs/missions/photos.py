@@ -12,8 +12,8 @@ from upplied.geometry.polylines import arc_length, cumulated, leg_lengths
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.outputs.mission_options import MissionOptions
+from upplied.outputs.missions.flying import SLOWEST_MPS
 from upplied.outputs.missions.gate import Limits
-from upplied.outputs.missions.transits import SLOWEST_MPS
 from upplied.photographed import MARGIN, photographed, share_shown
 from upplied.records import Bools, Camera, Cloud, Plan, Record, Trajectory
 
@@ -45,35 +45,18 @@ def interval_of(options: MissionOptions, camera: Camera | None) -> tuple[float, 
 
 
 def shots_of(name: str, plan: Plan, scene: Scene, camera: Camera, options: MissionOptions) -> Shots:
-    """Where a mission takes photos, and its path in the times that they need.
+    """Where a mission of this name takes photos, and its path in the times that they need.
 
     A plan's own photos stay where the camera has time for them; a plan without viewpoints is photographed by
-    distance.
-
-    Parameters
-    ----------
-    name : str
-        Of the mission, for errors.
-    plan : Plan
-        With a path.
-    scene : Scene
-    camera : Camera
-        Of the demonstration.
-    options : MissionOptions
-
-    Raises
-    ------
-    RefusedError
-        If photos by distance ask for a flight that is slower than any vehicle flies.
+    distance. What asks for a flight that is slower than any vehicle flies is refused.
     """
     path, viewpoints, states = plan.trajectory, plan.is_viewpoint, plan.surface
     assert path is not None
     none, nan = np.zeros(len(path), bool), float("nan")
     fixed = none if viewpoints is None else viewpoints
-    if options.photos == "video":
-        return Shots(path, fixed, none, 0.0, nan, nan, ("the camera records a video of the inspection",))
-    if options.photos == "none":
-        return Shots(path, fixed, none, 0.0, nan, nan, ())
+    if options.photos in ("video", "none"):
+        films = ("the camera records a video of the inspection",) if options.photos == "video" else ()
+        return Shots(path, fixed, none, 0.0, nan, nan, films)
     interval, why = interval_of(options, camera)
     ready = f"the camera needs {interval:g} s for a photo ({why})"
     surface = Cloud(np.empty((0, 3)))
@@ -87,10 +70,13 @@ def shots_of(name: str, plan: Plan, scene: Scene, camera: Camera, options: Missi
             note = f"{int(viewpoints.sum())} photos of the plan{_share(shown)}: {ready}"
             return Shots(path, viewpoints, viewpoints, 0.0, shown, nan, (note,))
     if options.photos == "distance" or viewpoints is None:
-        shots = _by_distance(name, path, fixed, options.photo_distance_m, interval, ready)
-        every, photo = _at_distances(path, options.photo_distance_m)
-        shown = share_shown(every, photo, camera, scene, surface)
-        return replace(shots, shown=shown, notes=(shots.notes[0] + _share(shown), *shots.notes[1:]))
+        every_m = options.photo_distance_m
+        slowed, notes = _by_distance(name, path, every_m, interval, ready)
+        along = arc_length(path.positions)
+        photo_s = np.interp(np.arange(0.0, along[-1], every_m), along, path.t_s)
+        times = np.union1d(path.t_s, photo_s)
+        shown = share_shown(interpolate(path, times), np.isin(times, photo_s), camera, scene, surface)
+        return Shots(slowed, fixed, none, every_m, shown, nan, (notes[0] + _share(shown), *notes[1:]))
     hardest = Limits().max_acceleration_mps2
     result = photographed(path, camera, scene, surface, interval, hardest, options.overlaps, complete=True)
     count = int(result.photo.sum())
@@ -117,29 +103,17 @@ def _longer(slower_s: float) -> tuple[str, ...]:
     return (f"the flight takes {slower_s:.0f} s longer than planned, {why}",)
 
 
-def _at_distances(path: Trajectory, every_m: float) -> tuple[Trajectory, Bools]:
-    """The path with a pose wherever a photo by distance is taken, and which poses these are."""
-    along = arc_length(path.positions)
-    photo_s = np.interp(np.arange(0.0, along[-1], every_m), along, path.t_s)
-    times = np.union1d(path.t_s, photo_s)
-    return interpolate(path, times), np.isin(times, photo_s)
-
-
 def _by_distance(
-    name: str, path: Trajectory, fixed: Bools, every_m: float, interval: float, ready: str
-) -> Shots:
-    """The path flown no faster than a photo every so many metres allows."""
+    name: str, path: Trajectory, every_m: float, interval: float, ready: str
+) -> tuple[Trajectory, tuple[str, ...]]:
+    """The path flown no faster than a photo every so many metres allows, and notes."""
     fastest = every_m / (interval * MARGIN)
     if fastest < SLOWEST_MPS:
-        raise RefusedError(
-            name,
-            f"a photo every {every_m:g} m needs {fastest:.2f} m/s or less: {ready}",
-            f"{SLOWEST_MPS:g} m/s at least",
-            "take fewer photos: --photo-distance-m, or set the interval of the camera: --trigger-s",
-        )
+        fault = f"a photo every {every_m:g} m needs {fastest:.2f} m/s or less: {ready}"
+        remedy = "take fewer photos: --photo-distance-m, or set the interval of the camera: --trigger-s"
+        raise RefusedError(name, fault, f"{SLOWEST_MPS:g} m/s at least", remedy)
     planned = np.diff(path.t_s)
     took = np.maximum(planned, leg_lengths(path.positions) / fastest)
     note = f"a photo every {every_m:g} m, at least {interval * MARGIN:.1f} s apart: {ready}"
     slowed = replace(path, t_s=path.t_s[0] + cumulated(took))
-    notes = (note, *_longer(float((took - planned).sum())))
-    return Shots(slowed, fixed, np.zeros(len(path), bool), every_m, float("nan"), float("nan"), notes)
+    return slowed, (note, *_longer(float((took - planned).sum())))

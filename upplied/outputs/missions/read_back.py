@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -35,25 +35,15 @@ _PASSES = "toPointAndPassWithContinuityCurvature"
 
 
 def read_mission(format: str, content: bytes, mission: Mission) -> Reading:
-    """The path that a mission file states, from take-off to landing.
-
-    Parameters
-    ----------
-    format : str
-    content : bytes
-        Bytes of the file.
-    mission : Mission
-        Only its placement and home are used.
-
-    Raises
-    ------
-    RefusedError
-        If the file does not state a path.
-    """
+    """The path that a mission file states, from take-off to landing; of the mission only its place counts."""
     try:
         file = _READERS[format](content)
         places = np.array([stop.place for stop in file.stops], float).reshape(-1, 3)
-        local = _local(places, mission, format)
+        relative = mission.altitude == "relative" and format != "csv"
+        level = np.full(len(places), mission.home[2]) if relative else places[:, 2]
+        local = from_geodetic(np.column_stack([places[:, :2], level]), mission.placement)
+        if relative:
+            local[:, 2] = mission.home_local[2] + places[:, 2]
     except (ValueError, KeyError, IndexError, AttributeError, zipfile.BadZipFile) as error:
         raise RefusedError(mission.name, f"the {format} file cannot be read back: {error}") from error
     if len(local) == 0 or not np.isfinite(local).all():
@@ -63,13 +53,10 @@ def read_mission(format: str, content: bytes, mission: Mission) -> Reading:
 
 def read_mcap(content: bytes) -> Reading:
     """The timed path of the plan in an MCAP file."""
-    poses = [
-        (each.log_time_ns, each.ros_msg.pose.position)
-        for each in read_ros2_messages(io.BytesIO(content), topics=["/plan/camera"])
-    ]
-    positions = np.array([[at.x, at.y, at.z] for _, at in poses], float).reshape(-1, 3)
-    t_s = np.array([stamp for stamp, _ in poses], float) * 1e-9
-    return planned(positions, t_s)
+    poses = [*read_ros2_messages(io.BytesIO(content), topics=["/plan/camera"])]
+    places = (each.ros_msg.pose.position for each in poses)
+    positions = np.array([[at.x, at.y, at.z] for at in places], float).reshape(-1, 3)
+    return planned(positions, np.array([each.log_time_ns for each in poses], float) * 1e-9)
 
 
 def _whole(local: Floats, file: _File, home: Floats) -> Reading:
@@ -98,22 +85,8 @@ def _whole(local: Floats, file: _File, home: Floats) -> Reading:
     )
 
 
-def _local(places: Floats, mission: Mission, format: str) -> Floats:
-    """Latitude, longitude and altitude of a file, (N, 3), in the structure frame, m."""
-    absolute = places.copy()
-    relative = mission.altitude == "relative" and format != "csv"
-    if relative:  # first at the height of home; the true height is set below
-        absolute[:, 2] = mission.home[2]
-    local = from_geodetic(absolute, mission.placement)
-    if relative:
-        local[:, 2] = mission.home_local[2] + places[:, 2]
-    return local
-
-
 @dataclass
 class _Stop:
-    """A waypoint as stated in a file."""
-
     place: Sequence[float]  # latitude and longitude, deg, altitude as written, m
     speed: float = np.nan  # of the leg that ends here, m/s; NaN if not stated
     hold: float = 0.0  # s, that the vehicle stays
@@ -123,8 +96,6 @@ class _Stop:
 
 @dataclass
 class _File:
-    """The waypoints of a file, and its photos."""
-
     stops: list[_Stop]
     photos: list[tuple[int, float]] = field(default_factory=list)  # waypoint, and s after it is reached
     photo_s: list[float] = field(default_factory=list)  # if the file states the times
@@ -160,8 +131,8 @@ def _mavlink(content: bytes) -> _File:
 
 def _behind(file: _File) -> _File:
     """The file with each speed at the end of its leg instead of the beginning."""
-    speeds = [np.nan, *(stop.speed for stop in file.stops)]
-    file.stops = [replace(stop, speed=speed) for stop, speed in zip(file.stops, speeds, strict=False)]
+    for stop, speed in zip(file.stops, [np.nan, *(stop.speed for stop in file.stops)], strict=False):
+        stop.speed = speed
     return file
 
 

@@ -119,12 +119,9 @@ class Mission(Record):
 def placement_of(structure: Structure) -> Placement:
     """The structure's place on the Earth; a mission for one without a place is refused."""
     if structure.placement is None:
-        raise RefusedError(
-            structure.structure_id,
-            "its place on the Earth is unknown",
-            "a mission needs latitude, longitude, altitude, datum and heading",
-            "give lat, lon, alt and heading in the manifest",
-        )
+        rule = "a mission needs latitude, longitude, altitude, datum and heading"
+        remedy = "give lat, lon, alt and heading in the manifest"
+        raise RefusedError(structure.structure_id, "its place on the Earth is unknown", rule, remedy)
     return structure.placement
 
 
@@ -146,13 +143,9 @@ def from_geodetic(geodetic: Floats, placement: Placement) -> Floats:
 
 
 def heading_and_pitch(quat_xyzw: Floats, heading_deg: float) -> tuple[Floats, Floats]:
-    """Compass heading (0 .. 360, clockwise from true north) and pitch (deg, negative down) of each camera.
+    """Compass heading (0 .. 360, clockwise from true north) and pitch (deg, negative down) of cameras (N, 4).
 
-    Parameters
-    ----------
-    quat_xyzw : array, shape (N, 4)
-    heading_deg : float
-        Of the structure's +X, clockwise from true north.
+    `heading_deg` is that of the structure's +X, clockwise from true north.
     """
     yaw, pitch = yaw_pitch(quat_xyzw)
     return np.mod(heading_deg - np.degrees(yaw), 360.0), np.degrees(pitch)

@@ -1,8 +1,7 @@
 """The sorties of a mission, and their legs outside of the inspection: short, low, under the plan's rules.
 
-From home the vehicle climbs straight up, flies to the inspection the shortest way that breaks no rule,
-and comes back alike. Where the straight leg is not free, the way leads round the structure along the
-roadmap that plans are made safe with (`planning.airspace.roadmap`). An inspection is cut where a free way
+From home the vehicle climbs straight up, flies to the inspection the shortest way that breaks no rule, if
+need be along the roadmap of `planning.airspace`, and comes back alike. An inspection is cut where a free way
 home exists, the cut waypoint in both sorties.
 """
 
@@ -19,6 +18,7 @@ from upplied.geometry.polylines import arc_length, cumulated, leg_lengths
 from upplied.geometry.scene import scene_of
 from upplied.geometry.supposed_scene import extent, obstacle
 from upplied.outputs.mission_options import MissionOptions
+from upplied.outputs.missions.flying import SLOWEST_MPS
 from upplied.planning.airspace.roadmap import Roadmap, roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
@@ -26,7 +26,7 @@ from upplied.records import Floats, Structure, SupposedSurface, Trajectory
 
 #: Above ground: the limit of the open category (Regulation (EU) 2019/947, UAS.OPEN.010).
 USUAL_CEILING_M = 120.0
-SLOWEST_MPS, _FASTEST_MPS = 0.2, 15.0  # of a leg of the inspection
+_FASTEST_MPS = 15.0  # of a leg of the inspection
 _GROUND_S = 20.0  # for starting and landing
 _CLIMB_M = 3.0  # straight up before the first leg, at least
 _SAMPLES = CloudSettings(surface_samples=3000)  # of the structure, for the roadmap
@@ -35,30 +35,19 @@ _PATH_STEP_M = 2.0  # between the places of the inspection that are in the roadm
 
 @dataclass(frozen=True, eq=False)
 class Transits:
-    """Where the legs to and from one inspection may lead, and where they start.
-
-    Attributes
-    ----------
-    structure : Structure
-    supposed : SupposedSurface or None
-        Its inferred, unscanned surface.
-    airspace : Airspace
-        The rules for every leg of the mission.
-    inspection : array, shape (N, 3), m, structure frame
-    home : array, shape (3,), m, structure frame
-    """
+    """Where the legs to and from one inspection may lead, and where they start."""
 
     structure: Structure
     supposed: SupposedSurface | None
-    airspace: Airspace
-    inspection: Floats
-    home: Floats
+    airspace: Airspace  # the rules for every leg of the mission
+    inspection: Floats  # (N, 3) m, structure frame
+    home: Floats  # (3,)
 
     @property
     def low_z_m(self) -> float:
         """Where the climb from home may end at the earliest, m."""
-        floor = self.airspace.floor_m
-        return max(float(self.home[2]) + _CLIMB_M, floor if np.isfinite(floor) else -np.inf)
+        climbed, floor = float(self.home[2]) + _CLIMB_M, self.airspace.floor_m
+        return max(climbed, floor) if np.isfinite(floor) else climbed
 
     @property
     def return_z_m(self) -> float:
@@ -68,45 +57,32 @@ class Transits:
         return float(max(tops)) + self.airspace.clearance_m + 1.0
 
     def check_home(self) -> None:
-        """Refuse a home from which the vehicle cannot climb.
-
-        Raises
-        ------
-        RefusedError
-        """
+        """Refuse a home from which the vehicle cannot climb."""
         above = self._above(self.low_z_m)
         if not self._climb_is_free(above):
             why = self._climbing.why(self.home) or self._climbing.why(above) or "there is an obstacle"
-            raise RefusedError(
-                self.structure.structure_id,
-                f"the climb from {self.home.round(1).tolist()} m to {self.low_z_m:.1f} m is not free: {why}",
-                "",
-                "choose another take-off point (--home-m)",
-            )
+            fault = f"the climb from {self.home.round(1).tolist()} m to {self.low_z_m:.1f} m is not free"
+            remedy = "choose another take-off point (--home-m)"
+            raise RefusedError(self.structure.structure_id, f"{fault}: {why}", "", remedy)
 
     def leg_home(self, at: int) -> Floats | None:
         """The shortest free way (K, 3), m, from a place of the inspection to straight above home; or None.
 
         It ends at one of three heights above home: low, at the height of the place, or half-way.
         """
-        place = self.inspection[at]
+        place, ways = self.inspection[at], []
         high_m = max(self.low_z_m, float(place[2]))
-        candidates = []
         for height_m in sorted({self.low_z_m, (self.low_z_m + high_m) / 2, high_m}):
             above = self._above(height_m)
-            if not self._climb_is_free(above):
-                continue
-            leg = np.stack([place, above])
-            line = leg if not self.airspace.broken(leg)[0] else way(self._roads, place, above)
-            if line is not None:
-                candidates.append(line)
-        shortest = min(
-            candidates, key=lambda line: leg_lengths(np.vstack([line, self.home])).sum(), default=None
-        )
-        if shortest is None:
+            if self._climb_is_free(above):
+                leg = np.stack([place, above])
+                ways.append(way(self._roads, place, above) if self.airspace.broken(leg)[0] else leg)
+        free = [line for line in ways if line is not None]
+        if not free:
             return None
+        shortest = min(free, key=lambda line: leg_lengths(np.vstack([line, self.home])).sum())
         moved = leg_lengths(shortest) > 0.01  # controllers refuse a point that repeats the one before
-        return shortest[np.concatenate([[True], moved])]
+        return shortest[np.append(True, moved)]
 
     @cached_property
     def _roads(self) -> Roadmap:
@@ -135,11 +111,11 @@ def default_home(
     outward = first - (low + high) / 2
     outward[2] = 0.0
     reach = np.linalg.norm(outward)
-    outward = outward / reach if reach > 1e-6 else np.array([1.0, 0.0, 0.0])
+    outward = outward / reach if reach > 1e-6 else np.eye(3)[0]
     place = first + _until_outside(first, outward, low, high, clearance_m + 3.0) * outward
-    ground = structure.surroundings.ground_z_m
     place[2] = structure.floor_z_m
-    source = "the lowest point of the structure" if ground is None else "the declared ground"
+    lowest = structure.surroundings.ground_z_m is None
+    source = "the lowest point of the structure" if lowest else "the declared ground"
     where = f"take-off assumed at {place.round(1).tolist()} m in the structure frame"
     return place, f"{where}, at the height of {source}"
 
@@ -198,9 +174,8 @@ class Cutter:
         if there is None:
             raise self._no_leg(first)
         least = first if len(self.path) == 1 else first + 1
-        reach = np.searchsorted(
-            self.elapsed_s, self.elapsed_s[first] + self.budget_s - self._transit_s(there)
-        )
+        until_s = self.elapsed_s[first] + self.budget_s - self._transit_s(there)
+        reach = np.searchsorted(self.elapsed_s, until_s)
         farthest = min(len(self.path) - 1, int(reach), first + self.most - len(there) - 1)
         for last in range(farthest, least - 1, -1):
             back = self._leg_home(last)
@@ -212,7 +187,15 @@ class Cutter:
                 return Sortie(first, last, there[:0:-1], back[1:], float(spent))
         if farthest == len(self.path) - 1 and self._leg_home(farthest) is None:
             raise self._no_leg(farthest)
-        raise self._too_short(first)
+        given, limits = self.options.endurance_s, []
+        if given is not None:
+            limits.append(f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
+        if self.most < 10**9:
+            limits.append(f"at most {self.most} waypoints")
+        what = f"mission from {self.path.positions[first].round(1).tolist()} m"
+        fault = "no part of the inspection fits into one flight with its transit legs"
+        remedy = "raise the limit, take off nearer (--home-m), or fly faster"
+        raise RefusedError(what, fault, ", ".join(limits), remedy)
 
     def _leg_home(self, at: int) -> Floats | None:
         if at not in self.legs_home:
@@ -224,22 +207,8 @@ class Cutter:
         return float(way.sum()) / self.options.transit_mps + _GROUND_S
 
     def _no_leg(self, at: int) -> RefusedError:
-        place = self.path.positions[at].round(1).tolist()
-        return RefusedError(
-            self.transits.structure.structure_id,
-            f"no safe transit leg reaches the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
-            "transit legs keep the clearance, the ceiling, keep-out boxes and geofence",
-            "choose another home, a smaller clearance, or a plan that starts in the open",
-        )
-
-    def _too_short(self, at: int) -> RefusedError:
-        given = self.options.endurance_s
-        limits = [f"at most {self.most} waypoints"] if self.most < 10**9 else []
-        if given is not None:
-            limits.insert(0, f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
-        return RefusedError(
-            f"mission from {self.path.positions[at].round(1).tolist()} m",
-            "no part of the inspection fits into one flight with its transit legs",
-            ", ".join(limits),
-            "raise the limit, take off nearer (--home-m), or fly faster",
-        )
+        place = f"{self.path.positions[at].round(1).tolist()} m, {self.path.t_s[at]:.0f} s into the plan"
+        fault = f"no safe transit leg reaches the waypoint at {place}"
+        rule = "transit legs keep the clearance, the ceiling, keep-out boxes and geofence"
+        remedy = "choose another home, a smaller clearance, or a plan that starts in the open"
+        return RefusedError(self.transits.structure.structure_id, fault, rule, remedy)

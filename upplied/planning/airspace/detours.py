@@ -10,17 +10,17 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from upplied.config import Settings
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length, chosen_evenly, leg_lengths
 from upplied.geometry.poses import interpolate
-from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, tightened, way, way_towards
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, pushed_out
 from upplied.planning.correspondence.pair import Pair
-from upplied.records import Bools, Cloud, Floats, Ints, Trajectory, Waypoints
+from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 
 _BUFFER_M = 0.05  # kept beyond the safety distance while planning, so that the final test is passed
 _SMOOTHINGS = 30
@@ -53,16 +53,8 @@ class Ways:
 def route(path: Waypoints, ways: Ways) -> Waypoints:
     """The waypoints at safe places, with further ones where a leg has to lead round something.
 
-    Parameters
-    ----------
-    path : Waypoints
-    ways : Ways
-
-    Returns
-    -------
-    Waypoints
-        Every leg of it keeps the rules. Added waypoints turn the camera steadily from one neighbour
-        to the next and are no viewpoints.
+    Every leg of it keeps the rules. Added waypoints turn the camera steadily from one neighbour to the next
+    and are no viewpoints.
 
     Raises
     ------
@@ -84,28 +76,22 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
         along = arc_length(line)
         pieces.append(line[1:])
         origin.append(leg + along[1:] / max(along[-1], 1e-12))
-    whence = np.concatenate(origin)
-    routed = _with_inserted(path, np.vstack(pieces), whence)
-    beside_added = _widened(~np.isclose(whence, np.round(whence), atol=1e-9), 1)
-    smooth = _corners_rounded(routed.positions, beside_added & ~routed.is_viewpoint, ways.planning)
+    whence, index = np.concatenate(origin), np.arange(float(len(path)))  # whole: a waypoint of the path
+    own = np.isclose(whence, np.round(whence), atol=1e-9)
+    turned = interpolate(Trajectory(index, path.positions, path.quat_xyzw), whence).quat_xyzw
+    viewpoint = np.zeros(len(whence), bool)
+    viewpoint[own] = path.is_viewpoint[np.round(whence[own]).astype(int)]
+    added = path.added[np.floor(whence + 1e-9).astype(int)] & path.added[np.ceil(whence - 1e-9).astype(int)]
+    smooth = _corners_rounded(np.vstack(pieces), binary_dilation(~own) & ~viewpoint, ways.planning)
     _refuse_unsafe(smooth, ways.airspace)
-    return replace(routed, positions=smooth)
+    return Waypoints(smooth, turned, np.interp(whence, index, path.t_s), viewpoint, added)
 
 
 def safe_positions(positions: Floats, ways: Ways) -> Floats:
-    """As many positions as given, near them and in their order, on a path that keeps the rules.
+    """As many positions (M, 3) as given, near them and in their order, on a path that keeps the rules.
 
     For closely spaced paths: what has to lead round something uses the positions that the
     unsafe stretch and its neighbourhood have.
-
-    Parameters
-    ----------
-    positions : array, shape (M, 3), m
-    ways : Ways
-
-    Returns
-    -------
-    array, shape (M, 3), m
 
     Raises
     ------
@@ -119,7 +105,10 @@ def safe_positions(positions: Floats, ways: Ways) -> Floats:
     if good.any():
         for way_on in (slice(None), slice(None, None, -1)):
             if first := int(good[way_on].argmax()):
-                _led_towards(safe[way_on][: first + 1], positions[way_on][0], ways.graph)
+                # All before the first good one lead on as near to the end as a way leads.
+                ends, goal = safe[way_on][: first + 1], positions[way_on][0]
+                line = tightened(way_towards(ways.graph, ends[-1], goal), ways.planning)[: first + 1]
+                ends[::-1] = _with_count(line, first + 1) if len(line) > 1 else line
                 good[way_on][:first] = True
     else:
         safe[[0, -1]], good[[0, -1]] = _moved_to_free(safe[[0, -1]], good[[0, -1]], ways.graph), True
@@ -127,10 +116,14 @@ def safe_positions(positions: Floats, ways: Ways) -> Floats:
         led = ways.planning.broken(safe) | ~good[1:] | ~good[:-1]
         if not led.any():
             break
-        changed = np.zeros(len(safe), bool)
-        for first, last in _runs(np.flatnonzero(led), arc_length(positions), 2 * ways.planning.clearance_m):
+        changed, legs, along = np.zeros(len(safe), bool), np.flatnonzero(led), arc_length(positions)
+        # What lies no farther apart along the path is led round at once.
+        cut = np.flatnonzero(along[legs[1:]] - along[legs[:-1] + 1] > 2 * ways.planning.clearance_m)
+        starts, stops = np.append(legs[0], legs[cut + 1]), np.append(legs[cut], legs[-1])
+        for first, last in zip(starts.tolist(), stops.tolist(), strict=True):
             _lead_round(safe, changed, first, last + 1, positions, ways.graph)
-        safe = _corners_rounded(safe, _widened(changed, 15), ways.planning, like=positions)
+        beside = binary_dilation(changed, iterations=15)
+        safe = _corners_rounded(safe, beside, ways.planning, like=positions)
         good |= changed
     _refuse_unsafe(safe, ways.airspace)
     return safe
@@ -176,17 +169,9 @@ def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
     if len(graph.places) == 0:
         index = int(np.flatnonzero(~good)[0])
         raise _refusal(graph.airspace, index, positions[index], graph.airspace.why(positions[index]))
-    tree = cKDTree(graph.places)
     placed = np.array(positions)
-    placed[~good] = graph.places[tree.query(positions[~good])[1]]
+    placed[~good] = graph.places[cKDTree(graph.places).query(positions[~good])[1]]
     return placed
-
-
-def _led_towards(positions: Floats, end: Floats, graph: Roadmap) -> None:
-    """Lead all positions but the last, from where it is, as near to an end as a way leads, the end first."""
-    count = len(positions)
-    line = tightened(way_towards(graph, positions[-1], end), graph.airspace)[:count]
-    positions[::-1] = _with_count(line, count) if len(line) > 1 else line
 
 
 def _lead_round(
@@ -227,25 +212,12 @@ def _with_count(line: Floats, count: int) -> Floats:
     return np.vstack([*(a + np.arange(n)[:, None] / n * (b - a) for a, b, n in ends), line[-1:]])
 
 
-def _with_inserted(path: Waypoints, positions: Floats, origin: Floats) -> Waypoints:
-    """Waypoints at positions whose place between the given ones is `origin` (whole: one of them)."""
-    index = np.arange(float(len(path)))
-    own = np.isclose(origin, np.round(origin), atol=1e-9)
-    turned = interpolate(Trajectory(index, path.positions, path.quat_xyzw), origin).quat_xyzw
-    viewpoint = np.zeros(len(origin), bool)
-    viewpoint[own] = path.is_viewpoint[np.round(origin[own]).astype(int)]
-    added = path.added[np.floor(origin + 1e-9).astype(int)] & path.added[np.ceil(origin - 1e-9).astype(int)]
-    return Waypoints(positions, turned, np.interp(origin, index, path.t_s), viewpoint, added)
-
-
 def _corners_rounded(
     positions: Floats, movable: Bools, airspace: Airspace, like: Floats | None = None
 ) -> Floats:
-    """Corners rounded where that breaks no rule; ends and what is not movable stay.
-
-    Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path
-    itself would pull every curve inwards.
-    """
+    """Corners rounded where that breaks no rule; ends and what is not movable stay."""
+    # Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path itself
+    # would pull every curve inwards.
     smooth, movable = np.array(positions), np.array(movable)
     like = np.zeros_like(smooth) if like is None else like
     movable[[0, -1]] = False
@@ -264,17 +236,6 @@ def _corners_rounded(
                 break
         smooth = wanted
     return smooth
-
-
-def _widened(marked: Bools, by: int) -> Bools:
-    return np.convolve(marked, np.ones(2 * by + 1), mode="full")[by : len(marked) + by] > 0
-
-
-def _runs(legs: Ints, along: Floats, apart_m: float) -> list[tuple[int, int]]:
-    """First and last of each run of legs that are no farther apart than that along the path."""
-    cut = np.flatnonzero(along[legs[1:]] - along[legs[:-1] + 1] > apart_m)
-    starts, stops = np.append(legs[0], legs[cut + 1]), np.append(legs[cut], legs[-1])
-    return [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
 
 
 def _refuse_unsafe(positions: Floats, airspace: Airspace) -> None:

@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 
 from upplied.geometry.polylines import arc_length, chosen_evenly, interpolated
 from upplied.geometry.vectors import across, neighbour_spacing
-from upplied.planning.airspace.push import push
-from upplied.planning.airspace.rules import Airspace, inside_fence
+from upplied.planning.airspace.rules import Airspace, inside_fence, push
 from upplied.records import Cloud, Floats, Ints, Record
 
 _SAMPLES = 1500  # of the surface, that places are set before
@@ -43,30 +42,38 @@ class Roadmap(Record):
 
 
 def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -> Roadmap:
-    """Places round a structure.
+    """Places round a structure, of whose outside `surface` has samples, and the free legs between them.
 
-    Parameters
-    ----------
-    airspace : Airspace
-    surface : Cloud
-        Samples of the outside with outward normals.
-    further : array, shape (N, 3), optional
-        More places, e.g. of the path itself.
+    With `further` places (N, 3), e.g. of the path itself, and only with what hangs together with those
+    farthest outside.
     """
     shown = chosen_evenly(len(surface), _SAMPLES)  # what is supposed comes last
     points, normals = surface.points[shown], surface.outward[shown]
     spacing = max(neighbour_spacing(points), 1e-3) if len(points) > 1 else 1.0  # m
     near = airspace.clearance_m + 0.15 + 0.15 * spacing
-    directions = _directions(normals)
-    places = [points + near * direction for direction in directions]
+    places = [points + near * normals]
+    one, other = across(normals)
+    for tilt in np.radians(_TILTS_DEG):
+        for turn in np.arange(4) * np.pi / 2:
+            beside = np.cos(turn) * one + np.sin(turn) * other
+            places.append(points + near * (np.cos(tilt) * normals + np.sin(tilt) * beside))
     places.append(points + (near + 2.5 * spacing + 1.0) * normals)
     whole = np.stack([surface.points.min(axis=0), surface.points.max(axis=0)])
     places.append(_round_box(whole, near, number=5))
     for box in airspace.surroundings.keep_out_m:
         round_it = _round_box(box, 0.05 + 0.1 * airspace.clearance_m, number=3)
         places.append(airspace.frame.from_declared(round_it))
-    posts = _inside_posts(airspace.surroundings.geofence_m, whole[:, 2], near)
-    places.append(airspace.frame.from_declared(posts))
+    # Inside each post of the fence, where a path has to turn, from low to high: one at each height, amid the
+    # directions that lead inside. A ring of them would be neighbours of each other alone, and lead nowhere.
+    fence, turns = airspace.surroundings.geofence_m, np.arange(16) * np.pi / 8
+    ring = _POST_M * np.column_stack([np.cos(turns), np.sin(turns)])
+    z, posts = np.linspace(whole[0, 2] - near, whole[1, 2] + near, 5), [np.empty((0, 3))]
+    for post in fence:
+        inside = ring[inside_fence(fence, post + ring)]
+        if len(inside):
+            amid = post + _POST_M * inside.mean(axis=0) / max(np.linalg.norm(inside.mean(axis=0)), 1e-9)
+            posts.append(np.column_stack([np.tile(amid, (len(z), 1)), z]))
+    places.append(airspace.frame.from_declared(np.vstack(posts)))
     if further is not None:
         places.append(further)
     stacked = np.vstack(places)
@@ -74,7 +81,16 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     stacked = stacked[airspace.allowed(stacked)]
     first, second = _neighbours(stacked, spacing)
     free = ~airspace.broken_legs(stacked[first], stacked[second])
-    return _outer(stacked, first[free], second[free], whole, airspace)
+    first, second, count = first[free], second[free], len(stacked)
+    length = np.linalg.norm(stacked[first] - stacked[second], axis=1)
+    component = connected_components(csr_matrix((length, (first, second)), shape=(count, count)))[1]
+    outside = np.maximum(whole[0] - stacked, stacked - whole[1]).max(axis=1)
+    outer = np.bincount(component[outside > 0]) if (outside > 0).any() else np.zeros(1)
+    members = np.flatnonzero(component == outer.argmax())
+    number = np.full(count, -1)
+    number[members] = np.arange(len(members))
+    both = number[first] >= 0
+    return Roadmap(stacked[members], number[first[both]], number[second[both]], length[both], airspace)
 
 
 def way(graph: Roadmap, start: Floats, goal: Floats, beside: Floats | None = None) -> Floats | None:
@@ -129,20 +145,6 @@ def links(graph: Roadmap, position: Floats) -> Ints:
     return np.asarray(near[~graph.airspace.broken_legs(start, graph.places[near])], np.int64)
 
 
-def _outer(places: Floats, first: Ints, second: Ints, whole: Floats, airspace: Airspace) -> Roadmap:
-    """What hangs together with the places farthest outside."""
-    count = len(places)
-    length = np.linalg.norm(places[first] - places[second], axis=1)
-    component = connected_components(csr_matrix((length, (first, second)), shape=(count, count)))[1]
-    outside = np.maximum(whole[0] - places, places - whole[1]).max(axis=1)
-    outer = np.bincount(component[outside > 0]) if (outside > 0).any() else np.zeros(1)
-    members = np.flatnonzero(component == outer.argmax())
-    number = np.full(count, -1)
-    number[members] = np.arange(len(members))
-    both = number[first] >= 0
-    return Roadmap(places[members], number[first[both]], number[second[both]], length[both], airspace)
-
-
 def shortened(path: Floats, airspace: Airspace) -> Floats:
     """The path without the corners that can be cut."""
     corners, index = [0], 0
@@ -156,18 +158,9 @@ def shortened(path: Floats, airspace: Airspace) -> Floats:
 
 
 def tightened(line: Floats, airspace: Airspace) -> Floats:
-    """A way drawn tight round what it leads round: which places of a graph it came by does not matter then.
+    """A way (K, 3) drawn tight round what it leads round: which places it came by does not matter then.
 
-    Parameters
-    ----------
-    line : array, shape (K, 3), m
-        That breaks no rule.
-    airspace : Airspace
-
-    Returns
-    -------
-    array, shape (K', 3), m
-        With the same ends; the line itself where it cannot be drawn tight.
+    `line` breaks no rule; it has the same ends, and is the line itself where it cannot be drawn tight.
     """
     if len(line) < 3:
         return line
@@ -187,17 +180,6 @@ def tightened(line: Floats, airspace: Airspace) -> Floats:
     return line if airspace.broken(band).any() else shortened(band, airspace)
 
 
-def _directions(normals: Floats) -> list[Floats]:
-    """The normals, and around each some that lean over edges."""
-    first, second = across(normals)
-    directions = [normals]
-    for tilt in np.radians(_TILTS_DEG):
-        for turn in np.arange(4) * np.pi / 2:
-            beside = np.cos(turn) * first + np.sin(turn) * second
-            directions.append(np.cos(tilt) * normals + np.sin(tilt) * beside)
-    return directions
-
-
 def _one_a_cell(points: Floats, spacing: float) -> Ints:
     """Indices of one point for each cell of a grid."""
     cell = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
@@ -215,30 +197,9 @@ def _round_box(box: Floats, distance_m: float, number: int) -> Floats:
     return low - distance_m + grid * (high - low + 2 * distance_m)
 
 
-def _inside_posts(fence: Floats, heights_m: Floats, above_m: float) -> Floats:
-    """Positions inside each post of a fence (G, 2), where a path has to turn, from low to high.
-
-    One at each height, amid the directions that lead inside. A ring of them about a post would be
-    neighbours of each other alone, and lead nowhere else.
-    """
-    turn = np.arange(16) * np.pi / 8
-    ring = _POST_M * np.column_stack([np.cos(turn), np.sin(turn)])
-    z = np.linspace(heights_m[0] - above_m, heights_m[1] + above_m, 5)
-    positions = [np.empty((0, 3))]
-    for post in fence:
-        inside = ring[inside_fence(fence, post + ring)]
-        if len(inside) == 0:
-            continue
-        amid = post + _POST_M * inside.mean(axis=0) / max(np.linalg.norm(inside.mean(axis=0)), 1e-9)
-        positions.append(np.column_stack([np.tile(amid, (len(z), 1)), z]))
-    return np.vstack(positions)
-
-
 def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
-    """Edges from each place to its nearest ones, each pair once.
-
-    The same again among fewer and fewer places: long edges join patches that stand apart.
-    """
+    """Edges from each place to its nearest ones, each pair once."""
+    # The same again among fewer and fewer places: long edges join patches that stand apart.
     count, pairs = len(places), [np.empty(0, np.int64)]
     layer = np.arange(count)
     while len(layer) > 1:

@@ -3,6 +3,7 @@
 How near a path comes counts along its legs, too. Around a point at distance d from the surface, the ball of
 radius d is free: the balls of both ends of a piece of a leg bound the clearance of all of it, and only the
 pieces that could still matter are halved, on the unsigned distance (real meshes are seldom watertight).
+Positions that come a little too near are pushed out smoothly along the path.
 """
 
 from __future__ import annotations
@@ -10,11 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
+from upplied.geometry.polylines import arc_length, leg_lengths
 from upplied.geometry.scene import Scene
 from upplied.records import Bools, Floats, Frame, Ints, Record, Rows, Surroundings
 
 _TOLERANCE_M = 0.005
+_PUSHES = 24
+_INSIDE_M = 0.05  # of the fence
 _BAND_M = 0.05  # about its plane: what a vehicle on the ground or the water does not leave
 
 
@@ -33,18 +38,12 @@ class Nearest(Record):
 
 
 def path_clearance(scene: Scene, positions: Floats) -> Nearest:
-    """The smallest distance between a path and the structure.
-
-    Parameters
-    ----------
-    positions : array, shape (N, 3), m, structure frame
-        Waypoints, joined by straight legs.
-    """
+    """The smallest distance between a path of straight legs, (N, 3), m, and the structure."""
     positions = np.asarray(positions, float).reshape(-1, 3)
     free = scene.distance(positions)
     best = int(free.argmin())
     distance, place, leg = float(free[best]), positions[best], max(min(best, len(positions) - 2), 0)
-    pieces = _Pieces.of(positions, free)
+    pieces = _Pieces(positions[:-1], positions[1:], free[:-1], free[1:], np.arange(len(positions) - 1))
     while len(pieces.leg):
         pieces = pieces.rows(pieces.bound_m() < distance - _TOLERANCE_M).halved(scene)
         if len(pieces.leg) and pieces.free_b.min() < distance:
@@ -54,15 +53,9 @@ def path_clearance(scene: Scene, positions: Floats) -> Nearest:
 
 
 def legs_below(scene: Scene, start: Floats, end: Floats, limit_m: float) -> Bools:
-    """Which straight legs come nearer to the structure than a limit, (N,).
+    """Which straight legs (N,), m, structure frame, come nearer to the structure than a limit.
 
     A leg that stays within 5 mm above the limit may be called too near, never the reverse.
-
-    Parameters
-    ----------
-    scene : Scene
-    start, end : array, shape (N, 3), m, structure frame
-    limit_m : float
     """
     if np.array_equal(start[1:], end[:-1]):  # the legs of a path share their ends
         along = scene.distance(np.concatenate([start, end[-1:]]))
@@ -90,10 +83,6 @@ class _Pieces(Rows):
     free_b: Floats  # (K,) m
     leg: Ints  # (K,)
 
-    @classmethod
-    def of(cls, positions: Floats, free: Floats) -> _Pieces:
-        return cls(positions[:-1], positions[1:], free[:-1], free[1:], np.arange(len(positions) - 1))
-
     def length_m(self) -> Floats:
         return np.linalg.norm(self.b - self.a, axis=1)
 
@@ -118,14 +107,11 @@ class _Pieces(Rows):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Airspace(Record):
-    """The rules for positions and for the straight legs between them, in the frame of the scene.
-
-    The surroundings keep to the declared frame of the structure: a keep-out box has its sides there.
-    """
+    """The rules for positions and for the straight legs between them, in the frame of the scene."""
 
     scene: Scene
     clearance_m: float
-    surroundings: Surroundings
+    surroundings: Surroundings  # in the declared frame of the structure: a keep-out box has its sides there
     ground_clearance_m: float = 0.0  # least height above known ground
     frame: Frame = field(default_factory=Frame)  # where the scene stands in the declared frame
 
@@ -237,3 +223,71 @@ def crosses_box(start: Floats, end: Floats, low: Floats, high: Floats) -> Bools:
     enter = np.where(still, np.where(between, -np.inf, np.inf), np.minimum(to_low, to_high))
     leave = np.where(still, np.where(between, np.inf, -np.inf), np.maximum(to_low, to_high))
     return np.asarray(np.maximum(enter.max(axis=1), 0.0) < np.minimum(leave.min(axis=1), 1.0) - 1e-12, bool)
+
+
+def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
+    """Each position (M, 3), m, moved to where it is allowed, its neighbours along the path with it.
+
+    It ends with what it can reach: places between two near surfaces, or inside the structure, may
+    stay too near.
+    """
+    moved = np.array(positions, float)
+    weights = _kernel(positions, reach=2 * airspace.clearance_m)
+    for turn in range(_PUSHES):
+        between = (moved[1:] + moved[:-1]) / 2  # so that corners are rounded, too
+        out, middle = np.split(push(np.concatenate([moved, between]), airspace), [len(moved)])
+        middle[leg_lengths(moved) > airspace.clearance_m] = 0.0
+        for ends in (out[1:], out[:-1]):
+            more = np.linalg.norm(middle, axis=1) > np.linalg.norm(ends, axis=1)
+            ends[more] = middle[more]
+        if not out.any():
+            break
+        moved += weights @ out if turn < _PUSHES // 2 else out
+    return moved
+
+
+def push(positions: Floats, airspace: Airspace) -> Floats:
+    """The shortest way (M, 3) out of what each position breaks."""
+    closest, _ = airspace.scene.closest(positions)
+    away = positions - closest
+    distance = np.linalg.norm(away, axis=1)
+    lack = np.maximum(airspace.clearance_m + 0.02 - distance, 0)
+    out = np.where(lack > 0, lack / np.maximum(distance, 1e-6), 0)[:, None] * away
+    out[:, 2] += np.maximum(airspace.floor_m - positions[:, 2], 0)
+    out[:, 2] -= np.maximum(positions[:, 2] - airspace.ceiling_m, 0)
+    declared, limits = airspace.frame.to_declared(positions), np.zeros_like(out)
+    for low, high in airspace.surroundings.keep_out_m:
+        inside = ((declared > low) & (declared < high)).all(axis=1)
+        gaps = np.concatenate([low - declared, high - declared], axis=1)[inside]
+        nearest = np.abs(gaps).argmin(axis=1)
+        step = gaps[np.arange(len(gaps)), nearest]
+        limits[np.flatnonzero(inside), nearest % 3] += step + np.sign(step) * 0.02
+    fence = airspace.surroundings.geofence_m
+    outside = ~inside_fence(fence, declared)
+    if outside.any():  # or on the fence: to a little inside of the nearest edge
+        xy, edge = declared[outside, :2], np.roll(fence, -1, axis=0) - fence
+        share = ((xy[:, None] - fence) * edge).sum(axis=2) / np.maximum((edge**2).sum(axis=1), 1e-12)
+        gap = fence + np.clip(share, 0, 1)[..., None] * edge - xy[:, None]
+        nearest = np.linalg.norm(gap, axis=2).argmin(axis=1)
+        step, way = gap[np.arange(len(xy)), nearest], edge[nearest]
+        across = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(np.hypot(*way.T), 1e-12)[:, None]
+        beyond = step + _INSIDE_M * across
+        inwards = np.where(inside_fence(fence, xy + beyond)[:, None], across, -across)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        inwards = np.where(length > _INSIDE_M, step / np.maximum(length, 1e-12), inwards)
+        limits[outside, :2] += step + _INSIDE_M * inwards
+    return out + limits @ airspace.frame.turn
+
+
+def _kernel(positions: Floats, reach: float) -> csr_matrix:
+    """(M, M) weights of a running mean of the pushes along the path: a raised cosine, each row sums to 1."""
+    # What is farther along the path than `reach` has no weight, and takes no place.
+    along = arc_length(positions)
+    first = np.searchsorted(along, along - reach, side="left")
+    count = np.searchsorted(along, along + reach, side="right") - first
+    start = np.concatenate([[0], np.cumsum(count)])
+    row = np.repeat(np.arange(len(along)), count)
+    column = np.arange(start[-1]) + np.repeat(first - start[:-1], count)
+    weight = 0.5 + 0.5 * np.cos(np.pi * np.minimum(np.abs(along[row] - along[column]) / reach, 1))
+    whole = np.bincount(row, weights=weight)
+    return csr_matrix((weight / whole[row], column, start), shape=(len(along), len(along)))

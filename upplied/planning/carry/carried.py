@@ -13,11 +13,13 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.geometry.polylines import interpolated, leg_lengths
 from upplied.geometry.poses import from_yaw_pitch, without_roll, yaw_pitch
 from upplied.planning.carry.affine import (
+    PUBLISHED,
     AxisMap,
     at_height,
+    carried_orientation,
     demonstrated_on_target,
     plane_height,
-    published_map,
+    published,
     registered_map,
     standing,
 )
@@ -28,11 +30,10 @@ from upplied.planning.carry.inspected_surface import (
     inspected_by,
     inspected_surface,
 )
-from upplied.planning.carry.published import published
 from upplied.planning.carry.standoff import Counted, Standoff, counted, picture_share
 from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.visibility.frustum import coarseness
+from upplied.planning.visibility.line_of_sight import coarseness
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility, Waypoints
 
 
@@ -69,17 +70,11 @@ def follow_counterparts(
         From `source` to the target's surface samples.
     carrier : AxisMap
         Where the source's space lies on the target.
-    settings : TransferSettings
-    camera : Camera
-        Bounds the stand-off by its range.
-    nearest_m : float
-        Smallest stand-off, m: the safety distance.
-
-    Returns
-    -------
-    Followed
+    camera, nearest_m
+        Its range, and the safety distance, m, bound the stand-off.
     """
-    positions, quats = carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
+    positions = carrier.points(flight.positions)
+    quats = without_roll(carried_orientation(carrier.matrix, flight.quat_xyzw))
     known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)
     if len(known) == 0:
         nothing = Counted(np.empty((len(flight), 0)), np.empty((0, 3)), None, np.full(len(flight), np.nan))
@@ -124,7 +119,7 @@ class Goal(Record):
     reference: Floats  # (K, 3) m, the demonstrated positions, by which the shape is measured
     standing: Floats  # (3, 3) turns the target's axes into the source's
     height_m: float | None  # of the plane that the path stays in
-    looked_m: Floats  # (S,) of the source's samples, from how near the expert looked at each
+    looked_m: Floats  # (S,) m, of the source's samples, from how near each was looked at, sharply or at all
     area_ratio: float = 1.0  # of what corresponds to the inspected surface, to that surface
 
 
@@ -139,13 +134,7 @@ class Carried(Record):
 
 
 def carry(takes: Sequence[Take], settings: Settings) -> list[Carried]:
-    """The takes of a demonstration carried to the target.
-
-    Parameters
-    ----------
-    takes : sequence of Take
-    settings : Settings
-        `refine.method` says whether whole flights are carried, to be optimised, or viewpoints as published.
+    """The takes of a demonstration carried to the target: whole flights to be optimised, or viewpoints.
 
     Raises
     ------
@@ -172,28 +161,27 @@ def _carried(take: Take, settings: Settings) -> Carried:
         height_m = plane_height(flight, pair, path.positions, settings.transfer)
         path = at_height(path, height_m)
         flown[:, 2] = height_m
-    seen = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly).need
-    reference = demonstrated_on_target(take)
-    ratio = area_ratio([take], inspected)
+    # As the boxes' ratio carries it, and of its own size about what was inspected.
+    turn, others = standing(pair), []
+    boxed = registered_map(box_on_box(fit.source, fit.target, turn))
+    for carrier in (boxed, *_about_inspected(take, turn.T)):
+        quats = without_roll(carried_orientation(carrier.matrix, flight.quat_xyzw))
+        other = replace(path, positions=carrier.points(flight.positions), quat_xyzw=quats)
+        others.append(other if height_m is None else at_height(other, height_m))
+    sharply_m = demonstrated_looks(take, look_limits([take], settings.inspection)).sampled_m
+    at_all_m, _ = inspection.truly.nearest(fit.source.points)
     goal = Goal(
         inspected,
-        seen,
-        flown,
-        standoff,
-        reference,
-        standing(pair),
-        height_m,
-        _looked_m(take, settings),
-        ratio,
+        seen=inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly).need,
+        flown=flown,
+        standoff=standoff,
+        reference=demonstrated_on_target(take),
+        standing=turn,
+        height_m=height_m,
+        looked_m=np.where(np.isfinite(sharply_m), sharply_m, at_all_m),
+        area_ratio=area_ratio([take], inspected),
     )
-    return Carried(take, path, goal, _simply_carried(take, path, height_m))
-
-
-def _looked_m(take: Take, settings: Settings) -> Floats:
-    """From how near a take looked at each of the source's samples (S,), m: sharply, else at all."""
-    sharply_m = demonstrated_looks(take, look_limits([take], settings.inspection)).sampled_m
-    at_all_m, _ = take.inspection.truly.nearest(take.pair.surface.source.points)
-    return np.where(np.isfinite(sharply_m), sharply_m, at_all_m)
+    return Carried(take, path, goal, others)
 
 
 def _about_inspected(take: Take, *matrices: Floats) -> list[AxisMap]:
@@ -208,20 +196,6 @@ def _about_inspected(take: Take, *matrices: Floats) -> list[AxisMap]:
     return [AxisMap(matrix, there - matrix @ here) for matrix in matrices]
 
 
-def _simply_carried(take: Take, path: Waypoints, height_m: float | None) -> list[Waypoints]:
-    """The flight as the boxes' ratio carries it, and of its own size about what was inspected."""
-    fit, turn = take.pair.surface, standing(take.pair)
-    boxed = registered_map(box_on_box(fit.source, fit.target, turn))
-    maps = [boxed, *_about_inspected(take, turn.T)]
-    return [_by(carrier, take.inspection.flight, path, height_m) for carrier in maps]
-
-
-def _by(carrier: AxisMap, flight: Trajectory, path: Waypoints, height_m: float | None) -> Waypoints:
-    positions, quats = carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
-    other = replace(path, positions=positions, quat_xyzw=quats)
-    return other if height_m is None else at_height(other, height_m)
-
-
 def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standoff]:
     """The whole flight on the target within the gimbal's limits, and the stand-off of its viewpoints."""
     inspection, fit, limits = take.inspection, take.pair.surface, settings.retime
@@ -232,8 +206,9 @@ def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standof
     followed = follow_counterparts(flight, *seen, carrier, *rules)
     positions, quats = followed.positions, followed.quat_xyzw
     if settings.transfer.method != "counterparts":
-        carrier = published_map(settings.transfer.method, fit.source, fit.target)
-        positions, quats = carrier.points(flight.positions), carrier.orientations(flight.quat_xyzw)
+        carrier = PUBLISHED[settings.transfer.method](fit.source, fit.target)
+        positions = carrier.points(flight.positions)
+        quats = carried_orientation(carrier.matrix, flight.quat_xyzw)
     yaw, pitch = yaw_pitch(quats)
     low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])
     is_viewpoint = np.zeros(len(flight), bool)

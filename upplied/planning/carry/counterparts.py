@@ -14,15 +14,9 @@ from functools import partial
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.carry.missing_parts import never_scanned_pct, odd_number, open_parts
-from upplied.planning.constants import COMPACT, MAJORITY
-from upplied.planning.correspondence.certainty import (
-    SAME_KIND,
-    certainty,
-    evidence_of_same_kind,
-    probability,
-    wholes_of,
-)
+from upplied.planning.carry.forecast import odd_number
+from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY
+from upplied.planning.correspondence.certainty import SAME_KIND, certainty, evidence_of_same_kind, probability
 from upplied.planning.correspondence.naming import choices_for, place_of, side_of
 from upplied.planning.demonstration.repetition import Attended, Take, choices_in, inspected_parts
 from upplied.planning.geometry.clouds import diagonal_of
@@ -52,7 +46,10 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
     counterparts: dict[str, Counterpart] = {}
     attended = [take.attended for take in takes]
     for take in attended:
-        source, target = _source(take), _target(take)
+        source = _source(take)
+        registered, words = take.pair.surface.registered, named_axes(take.pair.source.frame)
+        label, parts = labels_of(registered), parts_of(registered).in_axes(words).on(source.parts)
+        target = _Side(parts, label, bool(label.max(initial=0) > 0))
         inspected = _bodies(inspected_parts(take, source.label), take, source)
         # Each taking is asked about the part that it repeats.
         for part, share in [one for one in inspected if one[0] == take.part] or inspected:
@@ -82,10 +79,8 @@ def _bodies(inspected: list[tuple[int, float]], take: Attended, source: _Side) -
 
 
 def _no_part_twice(counterparts: dict[str, Counterpart], there: str) -> dict[str, Counterpart]:
-    """The same, in doubt where one part of the target is flown for two parts of the source.
-
-    It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
-    """
+    """The same, in doubt where one part of the target is flown for two parts of the source."""
+    # It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
     times = Counter(name for one in counterparts.values() for name in one.flown)
     twice = [name for name, count in times.items() if count > 1]
     if not twice:
@@ -121,9 +116,8 @@ def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
         if rule.repeat:
             return f"--repeat {rule.repeat} was requested and {one.doubt}"
         if one.twins or one.found > 1 or (one.found and not one.flown):
-            return _sentence(one)
-    first = counterparts[0] if counterparts else None
-    if rule.expect is not None and first is not None and first.found != rule.expect:
+            return doubts([one])[0]
+    if rule.expect is not None and counterparts and (first := counterparts[0]).found != rule.expect:
         number = f"{first.found} parts like {first.part} are on the target"
         reason = f"{number}, {rule.expect} are expected (correspondence.expect)"
         return f"{reason}; {first.doubt}" if first.doubt else reason
@@ -138,12 +132,12 @@ def least_probability(counterparts: Sequence[Counterpart]) -> float:
 
 def doubts(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
     """What is not certain of the inspected parts, as warnings."""
-    return tuple(_sentence(one) for one in counterparts if one.doubt)
-
-
-def _sentence(one: Counterpart) -> str:
-    like = f"{one.twins} more like it on the source" if one.twins else "none like it on the source"
-    return f"{one.doubt} ({like}, {one.found} on the target, as far as its parts are known)"
+    return tuple(
+        f"{one.doubt} ({f'{one.twins} more' if one.twins else 'none'} like it on the source, "
+        f"{one.found} on the target, as far as its parts are known)"
+        for one in counterparts
+        if one.doubt
+    )
 
 
 def _counterpart(
@@ -161,10 +155,18 @@ def _counterpart(
         apart = f"a part of its own, of which the source has {others} more, and it cannot be distinguished"
         doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
     if settings.correspondence.repeat == "each" or settings.correspondence.counterparts:
-        whole = f"{name} cannot be distinguished on {take.pair.source.structure_id}: its surface is one piece"
-        similar = {*alike, *matched}
-        odd = odd_number(take, part, source.parts, target.parts, similar) if source.pieces else whole
+        odd = f"{name} cannot be distinguished on {take.pair.source.structure_id}: its surface is one piece"
+        if source.pieces:
+            odd = odd_number(take, part, source.parts, target.parts, {*alike, *matched})
         doubt = doubt or odd
+    # What the target's scan lacks of it, and where the scan ends on the parts that are flown to.
+    surface, missing = take.pair.surface, take.pair.missing
+    weight = np.where(source.label == part, surface.source.areas * take.weight, 0.0)
+    gone = missing.beyond[surface.correspondences.target_index[missing.beyond] < 0]
+    areas, label, opening = surface.target.areas, target.label, missing.opening
+    whole = np.bincount(label, areas)
+    ends = np.bincount(label[opening], areas[opening], minlength=len(whole))
+    open_ = [other for other in matched or [0] if ends[other] > LEAST_PART * whole[other]]
     return Counterpart(
         part=name,
         inspected_pct=round(100 * share, 2),
@@ -174,21 +176,18 @@ def _counterpart(
         left_out=tuple(_name(target.parts, other) for other in alike if other not in matched),
         probability=None if known is None else round(known, 4),
         doubt=doubt,
-        never_scanned_pct=round(never_scanned_pct(take, source.label == part), 2),
-        open=tuple(_name(target.parts, other) for other in open_parts(take, matched or [0], target.label)),
+        never_scanned_pct=round(float(100 * weight[gone].sum() / max(weight.sum(), 1e-12)), 2),
+        open=tuple(_name(target.parts, other) for other in open_),
     )
 
 
 def _others_within(take: Attended, part: int, source: _Side) -> int:
-    """How many stretches of skin there are like the inspected one, where that is but a piece of its part.
-
-    An engine that was modelled, or scanned, as one with its wing.
-    """
+    """How many stretches of skin are like the inspected one, where that is a piece of its part, as an engine
+    that was modelled, or scanned, as one with its wing."""
     if not source.pieces:
         return 0
     cloud, skin = take.pair.surface.source, take.stretch
-    area = cloud.areas
-    mine, least = source.label == part, COMPACT * diagonal_of(cloud.points)
+    area, mine, least = cloud.areas, source.label == part, COMPACT * diagonal_of(cloud.points)
     if (source.parts.high - source.parts.low)[part].max() <= least:
         return 0  # a body of its own
     most = int(np.bincount(skin[mine], (area * take.weight)[mine]).argmax())
@@ -217,7 +216,9 @@ def _probability(
     if len(matched) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
             if other != matched[0]:
-                known = wholes_of(fit), fit.inferred >= 0
+                # How badly the target fits the structure that labelled its parts, of what was scanned of it.
+                wholes = fit if fit.labelling is None else fit.labelling.to_target
+                known = wholes.registration.scanned, fit.inferred >= 0
                 evidence = evidence_of_same_kind(fit.registered, other, matched[0], *known)
                 best = max(best, certainty(fit, part, [other]) * probability(evidence, SAME_KIND))
     return best
@@ -285,12 +286,6 @@ def _source(take: Attended) -> _Side:
         return _Side(parts_of(cloud).in_axes(words), label, True)
     label = take.stretch
     return _Side(parts_of(replace(cloud, part=label)).in_axes(words), label, False)
-
-
-def _target(take: Attended) -> _Side:
-    registered, words = take.pair.surface.registered, named_axes(take.pair.source.frame)
-    label, parts = labels_of(registered), parts_of(registered).in_axes(words).on(_source(take).parts)
-    return _Side(parts, label, bool(label.max(initial=0) > 0))
 
 
 def _name(parts: Parts, part: int) -> str:

@@ -1,10 +1,12 @@
-"""Would this transfer show what the expert inspected? A probability from evidence, before planning.
+"""Would this transfer show what the expert inspected, and are all parts there? Known before planning.
 
 The probability is logistic in the evidence of how the inspected region corresponds. Each weight is at least
-0: no evidence against a transfer ever raises its probability.
+0: no evidence against a transfer ever raises its probability. A whole may differ elsewhere, in its
+superstructure or where a rotor stopped, and a hull or a tower still be inspected alike; and another thing may
+fill the same box. So the evidence is of what the flight was about.
 
-A whole may differ elsewhere, in its superstructure or where a rotor stopped, and a hull or a tower still be
-inspected alike; and another thing may fill the same box. So the evidence is of what the flight was about.
+Who asks for each engine, or for the outer one, asks about their number. A scan of which an engine is missing,
+or lies in pieces that nothing recognizes, has one that is flown in its place.
 """
 
 from __future__ import annotations
@@ -15,14 +17,18 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from upplied.planning.constants import SAME_FACE, TOLERANCE
-from upplied.planning.correspondence.certainty import logistic
-from upplied.planning.demonstration.repetition import Take
+from upplied.planning.correspondence.certainty import logistic, named_by
+from upplied.planning.correspondence.label_transfer import unnamed_like
+from upplied.planning.correspondence.naming import choices_for, on_sides, side_of
+from upplied.planning.demonstration.repetition import Attended, Take
 from upplied.planning.geometry.clouds import nearest_facing, spacing, weighted_percentile
-from upplied.records import Cloud, Floats, Record, Registration
+from upplied.planning.surface.parts import Parts, labels_of
+from upplied.records import Counterpart, Floats, Record, Registration
 
 _LEAST = 16  # patches: of fewer nothing is told
 _MOST = 1500  # patches that are asked
 _EVEN = 0.5  # odds
+_WORTH_SAYING_PCT = 1.0  # of what was inspected of a part, from which it is said that it was never scanned
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,12 +62,22 @@ def evidence_of(take: Take) -> Evidence:
     registered = fit.registered
     mine = share[known]
     facing = (source.outward[known] * registered.outward[match.target_index[known]]).sum(axis=1)
-    size = _size(source.points[known], mine)
+    here, there = source.points[known], match.target_points[known]
+    # What is left by the best map along the axes: weighted root mean square.
+    root = np.sqrt(mine / mine.sum())[:, None]
+    mapped = np.column_stack([here - here.mean(axis=0), np.ones(len(here))])
+    best = np.linalg.lstsq(root * mapped, root * there, rcond=None)[0]
+    left = float(np.sqrt(np.average(((there - mapped @ best) ** 2).sum(axis=1), weights=mine)))
+    # How far the registered surfaces are apart, beyond the spacing of samples.
+    size, chosen = _size(here, mine), np.flatnonzero(share > 0.05 * share.max())[:_MOST]
+    turning = 2 * TOLERANCE * size  # what turning a normal counts: of each surface as much as may be off
+    away = nearest_facing(source.at(chosen), registered, turning)[0]
+    off = np.minimum(np.maximum(away - spacing(registered), 0) / size, 1.0)
     return Evidence(
         without=without,
         facing_away=float(mine[facing < SAME_FACE].sum() / mine.sum()),
-        bent=_bent(source.points[known], match.target_points[known], mine),
-        gap=_apart(source, registered, share, size),
+        bent=left / _size(there, mine),
+        gap=float(np.average(off, weights=share[chosen])),
         misfit=misfit,
     )
 
@@ -70,27 +86,6 @@ def _size(points: Floats, share: Floats) -> float:
     """Diagonal of the middle nine tenths of the region, m."""
     low, high = (np.array([weighted_percentile(axis, share, p) for axis in points.T]) for p in (5, 95))
     return max(float(np.linalg.norm(high - low)), 1e-6)
-
-
-def _bent(here: Floats, there: Floats, share: Floats) -> float:
-    """Weighted root mean square of what is left by the best map, over the target region's size."""
-    root = np.sqrt(share / share.sum())[:, None]
-    known = np.column_stack([here - here.mean(axis=0), np.ones(len(here))])
-    best = np.linalg.lstsq(root * known, root * there, rcond=None)[0]
-    off = there - known @ best
-    return float(np.sqrt(np.average((off**2).sum(axis=1), weights=share)) / _size(there, share))
-
-
-def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> float:
-    """Mean distance of the registered surfaces, beyond the spacing of samples, over the region's size."""
-    chosen = np.flatnonzero(share > 0.05 * share.max()) if share.max() > 0 else np.empty(0, np.int64)
-    if not len(chosen):
-        return 0.0
-    chosen = chosen[:_MOST]
-    weight = 2 * TOLERANCE * size  # what turning a normal counts: of each surface as much as may be off
-    away = nearest_facing(source.at(chosen), registered, weight)[0]
-    off = np.maximum(away - spacing(registered), 0) / size
-    return float(np.average(np.minimum(off, 1.0), weights=share[chosen]))
 
 
 #: Largest value of each piece of evidence that still tells something, in the order of its fields.
@@ -161,3 +156,47 @@ def in_words(evidence: Evidence) -> str:
         f"{100 * evidence.facing_away:.0f} %, deviation from the best scaling {100 * evidence.bent:.0f} % "
         f"and mean gap {100 * evidence.gap:.0f} % of the region's size; {whole}"
     )
+
+
+def missing_of(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
+    """What was never scanned of the inspected parts, as warnings."""
+    said = []
+    for one in counterparts:
+        if one.never_scanned_pct >= _WORTH_SAYING_PCT:
+            said.append(
+                f"{one.never_scanned_pct:.0f} % of what was inspected of {one.part} was never scanned on the "
+                "target: it has no counterpart"
+            )
+        elif one.open:
+            said.append(f"the scan ends on {' and on '.join(one.open)}, to which {one.part} corresponds")
+    return tuple(said)
+
+
+def odd_number(take: Attended, part: int, source: Parts, target: Parts, like: set[int]) -> str:
+    """What is odd about how many parts there are of the kind of an inspected one of the source, in words.
+
+    Empty where nothing is. The parts are in the axes in which places are named; `like` are those of the
+    target that correspond to it or are like it.
+    """
+    fit, own = take.pair.surface, side_of(source, part)
+    kind = choices_for(source, part, source, [part]).tolist()
+    of_kind = [set(fit.correspondences.target_parts(twin).tolist()) for twin in kind]
+    lone = [*(min(each) for each in of_kind if each), *like.difference(*of_kind)]  # a part in pieces is one
+    here, across = on_sides(source, kind, own)
+    there, beyond = on_sides(target, lone, own)
+    on = take.pair.target.structure_id
+    if own and here == across and there < beyond:
+        return (
+            f"of parts like the inspected one {there} lie on its side of {on} and {beyond} on the other: "
+            "some were not scanned or cannot be distinguished"
+        )
+    label, known = labels_of(fit.registered), sorted(like.union(*of_kind))
+    if fit.inferred < 0 or fit.carried is None or not known:
+        return ""
+    explained = np.isin(label, known)
+    if fit.labelling is not None:
+        explained |= named_by(fit.labelling.to_target)
+    named = np.where(explained, 0, fit.carried)
+    if unnamed_like(fit.registered, named, np.isin(label, [max(known, key=lambda one: target.area[one])])):
+        return f"something on {on} is of the size of the inspected part, and may be another one"
+    return ""

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from upplied.config import Settings, focal_px
 from upplied.geometry.vectors import with_normals
 from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.standoff import carried_sight
 from upplied.planning.constants import FACING
 from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.geometry.clouds import diagonal_of, spacing
@@ -71,10 +72,8 @@ def inspected_surface(
     source, target : Cloud
         Both of one sort: the paper's voxel clouds, where every point counts 1, or surface samples,
         which count by the demonstrated area.
-    correspondences : Correspondences
-        From `source` to `target`; what has no counterpart is counted apart.
     demonstrated : Views
-        Of `source`.
+        Of `source`; what has no counterpart is counted apart.
     carry : array, shape (3, 3), optional
         How a line of sight is carried to the target where stand-offs scale with the structure.
     weight : array, shape (N,), optional
@@ -103,12 +102,10 @@ def inspected_surface(
 
 
 def _spread(target: Cloud, index: Ints, points: Floats) -> tuple[Ints, Floats]:
-    """The target samples (P, K) round each counterpart, and the share that each has of it.
-
-    Counterparts (P, 3) lie between samples; one that was given to the nearest alone would go to another one
-    for a change of a millimetre. The share is whole at a sample, and falls to nothing where the next sample
-    beyond the K would be (Franke and Little's weights).
-    """
+    """The target samples (P, K) round each counterpart, and the share that each has of it."""
+    # Counterparts (P, 3) lie between samples; one that was given to the nearest alone would go to another one
+    # for a change of a millimetre. The share is whole at a sample, and falls to nothing where the next sample
+    # beyond the K would be (Franke and Little's weights).
     outward, weight = target.outward, FACING * diagonal_of(target.points)
     count = min(_ROUND + 1, len(target))
     tree = cKDTree(with_normals(target.points, outward, weight))
@@ -139,14 +136,13 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     """
     inspection, transfer, fit = take.inspection, settings.transfer, take.pair.surface
     camera = inspection.camera
-    carry = registered_map(fit.registration).matrix if transfer.standoff == "scaled" else np.eye(3)
     looks = demonstrated_looks(take, look_limits([take], settings.inspection))
     surface = inspected_surface(
         fit.source,
         fit.target,
         fit.correspondences,
         inspection.truly,
-        carry=carry,
+        carry=carried_sight(registered_map(fit.registration), transfer),
         weight=inspection.attention.weight,
         near_m=looks.carried_m if transfer.standoff == "scaled" else looks.sampled_m,
     )

@@ -44,18 +44,8 @@ def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bool
     """How much of each picture (M, K) is about each of K samples.
 
     That is the solid angle under which the camera sees it, how much of the picture it fills, times
-    the squared share of its part that the flight saw at all: who flies round an engine means the
-    engine, though the fuselage behind it fills more of the pictures.
-
-    Parameters
-    ----------
-    positions : array, shape (M, 3), m
-    source : Cloud
-        N surface samples.
-    known : array of int, shape (K,)
-        The samples asked about.
-    inspected : array of bool, shape (N,)
-        What the whole flight saw.
+    the squared share of its part that the whole flight saw, `inspected` (N,): who flies round an engine
+    means the engine, though the fuselage behind it fills more of the pictures.
     """
     area = source.areas
     label = labels_of(source)
@@ -134,9 +124,7 @@ def counted(
     weight : array, shape (M, K)
         Share of each picture that each sample fills (`picture_share`), 0 for what is not seen.
     here, there : array, shape (K, 3), m
-        The samples on the source, and their counterparts on the target.
-    carrier : AxisMap
-        Where the source's space lies on the target.
+        The samples on the source, and their counterparts on the target; `carrier` maps all of its space.
     settings : TransferSettings
         `scaled` takes the distances as the structure's map carries them, `kept` as flown, and a ground
         sampling distance sets the distance at which one pixel covers it in the middle of the picture.
@@ -163,26 +151,19 @@ def counted(
 
 
 def _middles(positions: Floats, weight: Floats, here: Floats, there: Floats) -> tuple[Floats, Floats]:
-    """What is in the middle of each picture, (M, 3), m, and its counterpart; NaN where nothing is seen.
-
-    The middle is about the centre of what is seen, within some degrees: what is beside it is at another
-    depth, or round the corner.
-    """
+    """What is in the middle of each picture, (M, 3), m, and its counterpart; NaN where nothing is seen."""
+    # The middle is about the centre of what is seen, within some degrees: what is beside it is at another
+    # depth, or round the corner.
     with np.errstate(invalid="ignore", divide="ignore"):
         towards = (weight @ here) / weight.sum(axis=1)[:, None] - positions
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-        near = weight * _nearness(positions, towards, here, weight > 0)
+        ahead = towards @ here.T - np.einsum("mj,mj->m", towards, positions)[:, None]
+        tangent = cdist(positions, here, "sqeuclidean") / np.maximum(ahead, 1e-9) ** 2 - 1
+        tangent = np.where((weight > 0) & (ahead > 0), tangent, np.inf)
+        least = tangent.min(axis=1, keepdims=True, initial=1e18)
+        near = weight * np.exp(-(tangent - least) / (2 * (FOVEA / 2) ** 2))  # 1 for the nearest seen
         total = near.sum(axis=1)[:, None]
         return (near @ here) / total, (near @ there) / total
-
-
-def _nearness(positions: Floats, towards: Floats, points: Floats, seen: Bools) -> Floats:
-    """How near (M, K) each point is to the middle of each picture: 1 for the nearest seen, towards 0."""
-    ahead = towards @ points.T - np.einsum("mj,mj->m", towards, positions)[:, None]
-    tangent = cdist(positions, points, "sqeuclidean") / np.maximum(ahead, 1e-9) ** 2 - 1
-    tangent = np.where(seen & (ahead > 0), tangent, np.inf)
-    least = tangent.min(axis=1, keepdims=True, initial=1e18)
-    return np.asarray(np.exp(-(tangent - least) / (2 * (FOVEA / 2) ** 2)))
 
 
 def carried_sight(carrier: AxisMap, settings: TransferSettings) -> Floats:

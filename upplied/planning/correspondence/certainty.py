@@ -70,11 +70,6 @@ def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = Fa
     return sure
 
 
-def wholes_of(fit: Fit) -> float:
-    """How badly the target fits the structure that labelled its parts, of what was scanned of it."""
-    return (fit if fit.labelling is None else fit.labelling.to_target).registration.scanned
-
-
 def named_by(fit: Fit) -> Bools:
     """Which samples of the target (M,) lie on the part that their place on the source corresponds to."""
     here, there = fit.correspondences.source_class, fit.correspondences.target_class
@@ -112,15 +107,17 @@ def _by_source(labelling: Labelling, part: int) -> tuple[Bools, float]:
 
 
 def _by_way_of_sibling(labelling: Labelling, part: int) -> tuple[Bools, float]:
-    """The same from the source to a sibling to the target; 0 where the sibling knows of no such part.
-
-    Where it has one and the target none, that is as certain as that it has.
-    """
+    """The same from the source to a sibling to the target; 0 where the sibling knows of no such part."""
+    # Where it has one and the target none, that is as certain as that it has.
     if labelling.to_sibling is not None:
         parts, sure = _forth(labelling.to_sibling, [part])
     else:
         assert labelling.to_source is not None
-        parts, sure = _back(labelling.to_source, part)
+        fit = labelling.to_source
+        every = range(int(labels_of(fit.source).max()) + 1)
+        each = {one: fit.correspondences.target_parts(one).tolist() for one in every}
+        parts = [one for one, there in each.items() if part in there]
+        sure = min((_by_fit(fit, one, each[one]) for one in parts), default=0.0)
     theirs, known = _forth(labelling.to_target, parts)
     return np.isin(labels_of(labelling.to_target.target), theirs), sure * known if theirs else sure
 
@@ -130,14 +127,6 @@ def _forth(fit: Fit, parts: Sequence[int]) -> tuple[list[int], float]:
     each = {part: fit.correspondences.target_parts(part).tolist() for part in parts}
     sure = [_by_fit(fit, part, others) for part, others in each.items() if others]
     return sorted({other for others in each.values() for other in others}), min(sure, default=0.0)
-
-
-def _back(fit: Fit, part: int) -> tuple[list[int], float]:
-    """The source's parts that correspond to a part of the target, likewise."""
-    every = range(int(labels_of(fit.source).max()) + 1)
-    each = {one: fit.correspondences.target_parts(one).tolist() for one in every}
-    ours = [one for one, there in each.items() if part in there]
-    return ours, min((_by_fit(fit, one, each[one]) for one in ours), default=0.0)
 
 
 def evidence_of_counterpart(
@@ -166,7 +155,7 @@ def evidence_of_counterpart(
             _shape(source, mine, registered, theirs),
             1 - area[both].sum() / max(area[named].sum(), 1e-12),
             float(inferred),
-            _whole(wholes),
+            wholes if np.isfinite(wholes) else 3.0,
             abs(np.log(max(area[theirs].sum(), 1e-12) / max(source.areas[mine].sum(), 1e-12))),
             1 - area[both].sum() / max(area[theirs].sum(), 1e-12),
         ]
@@ -181,7 +170,8 @@ def evidence_of_same_kind(
     area = registered.areas
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))
     shape = _shape(registered, one, registered, two)
-    return np.array([shape, 0.0, float(inferred), _whole(wholes), ratio, 0.0])
+    whole = wholes if np.isfinite(wholes) else 3.0
+    return np.array([shape, 0.0, float(inferred), whole, ratio, 0.0])
 
 
 def probability(evidence: Floats, model: Sequence[float], alone: bool = False) -> float:
@@ -200,7 +190,3 @@ def _shape(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools) -> floa
     if not mine.any() or not theirs.any():
         return CAPS[0]
     return misfit_of_parts(source, mine, registered, theirs, diagonal_of(source.points))
-
-
-def _whole(wholes: float) -> float:
-    return 3.0 if not np.isfinite(wholes) else float(wholes)

@@ -57,7 +57,10 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
     Each iteration solves a system of three times as many unknowns; `diagonal_m` measures all widths.
     """
     reach = _REACH * diagonal_m
-    modes = _modes(_kernel(moving.points, moving.label, moving.points, moving.label, reach))
+    # A kernel as wide as a part's neighbourhood has far fewer modes that matter than control points.
+    strength, modes = np.linalg.eigh(_kernel(moving.points, moving.label, moving.points, moving.label, reach))
+    strong = strength > _LEAST_MODE
+    modes = modes[:, strong] * np.sqrt(strength[strong])  # their outer product is the kernel
     apart = (moving.label[:, None] != fixed.label[None, :]) & (moving.label[:, None] >= 0)
     prior = np.where(apart, 0.0, np.exp(_NORMALS * (moving.normals @ fixed.normals.T - 1)))
     outer = fixed.normals[:, :, None] * fixed.normals[:, None, :]
@@ -75,22 +78,10 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
     return Drift(moving, weights, reach)
 
 
-def _modes(kernel: Floats) -> Floats:
-    """Displacements (M, R) of the control points whose outer product is the kernel (M, M).
-
-    A kernel as wide as a part's neighbourhood has far fewer modes that matter than control points.
-    """
-    strength, modes = np.linalg.eigh(kernel)
-    strong = strength > _LEAST_MODE
-    return np.asarray(modes[:, strong] * np.sqrt(strength[strong]))
-
-
 def _strengths(metric: Floats, wanted: Floats, modes: Floats) -> Floats:
-    """How much of each mode (R, 3): c with ``(1 + modes' metric modes) c = modes' wanted``.
-
-    That is ``metric_m (kernel @ w)_m + w_m = wanted_m`` for every point m, with ``kernel = modes modes'``
-    and ``c = modes' w``. `metric` is (M, 3, 3) and symmetric, `wanted` (M, 3), `modes` (M, R).
-    """
+    """How much of each mode (R, 3): c with ``(1 + modes' metric modes) c = modes' wanted``."""
+    # That is ``metric_m (kernel @ w)_m + w_m = wanted_m`` for every point m, with ``kernel = modes modes'``
+    # and ``c = modes' w``. `metric` is (M, 3, 3) and symmetric, `wanted` (M, 3), `modes` (M, R).
     number = modes.shape[1]
     system = np.eye(3 * number)
     for one in range(3):

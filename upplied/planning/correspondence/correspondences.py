@@ -16,13 +16,7 @@ from scipy.spatial import cKDTree
 from upplied.config import CorrespondenceSettings
 from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import CLEARLY_BETTER, FACING, MAJORITY, SAME_FACE, TOLERANCE, TOUCH
-from upplied.planning.correspondence.coherent_point_drift import (
-    ANCHORS,
-    CONTROLS,
-    Drift,
-    Patch,
-    drift,
-)
+from upplied.planning.correspondence.coherent_point_drift import ANCHORS, CONTROLS, Drift, Patch, drift
 from upplied.planning.correspondence.naming import Landmarks, pinned_parts, summary_of
 from upplied.planning.correspondence.part_alignment import aligned, alignments, matched, patches
 from upplied.planning.correspondence.part_assignment import Matching
@@ -50,7 +44,6 @@ def correspond(
     ----------
     source, target : Cloud
         Of the demonstration structure and of the target, each in its own frame.
-    registration : Registration
     settings : CorrespondenceSettings
         Method ``nearest`` as published, or ``parts``, for clouds with normals.
     source_landmarks, target_landmarks : mapping of name to x y z, m, optional
@@ -59,10 +52,6 @@ def correspond(
         Quarter turns of the source to the axes in which places such as ``left`` are named.
     named : array of int, shape (M,), optional
         The source's part that the parts of either were inferred by, of each target sample; -1 none.
-
-    Returns
-    -------
-    Correspondences
 
     Raises
     ------
@@ -100,7 +89,13 @@ def by_parts(
     """Counterparts of all samples of the source, see `correspond`; samples have normals and parts."""
     registered = in_source_frame(target, registration)
     matching = matched(source, registered, pinned, named)
-    displacement = _displacement(*patches(source, registered, matching), source, registered)
+    moving, fixed = patches(source, registered, matching)
+    # Each matched part on its counterpart, and a smooth field besides.
+    matrix, offset, _ = alignments(moving, fixed)
+    field, smooth = _smooth_field(aligned(moving, matrix, offset), fixed, diagonal_of(source.points))
+    control = field.control.points, field.control.label, field.weights, field.reach_m
+    step = np.array([spacing(source), spacing(registered)])
+    displacement = Displacement(matrix, offset, smooth, *control, step)
     match = by_displacement(source, registered, registration, matching, displacement)
     here, there = parts_of_both(source, registered, words)
     gone = match.target_index < 0
@@ -143,23 +138,10 @@ def carried_by(carrier: Displacement, moving: Patch) -> Patch:
     return replace(there, points=there.points + field * carrier.smooth[there.label][:, None])
 
 
-def _displacement(moving: Patch, fixed: Patch, source: Cloud, registered: Cloud) -> Displacement:
-    """Each matched part on its counterpart, and a smooth field besides."""
-    diagonal = diagonal_of(source.points)
-    matrix, offset, _ = alignments(moving, fixed)
-    field, smooth = _smooth_field(aligned(moving, matrix, offset), fixed, diagonal)
-    step, control = np.array([spacing(source), spacing(registered)]), field.control
-    return Displacement(
-        matrix, offset, smooth, control.points, control.label, field.weights, field.reach_m, step
-    )
-
-
 def _smooth_field(there: Patch, fixed: Patch, diagonal: float) -> tuple[Drift, Floats]:
-    """The drift of aligned parts, and how much of it each class (C + 1,) takes, 0 to 1.
-
-    All of it where it brings the surfaces much nearer, nothing where it brings them no nearer: in between a
-    share, so that no small change of a mesh decides.
-    """
+    """The drift of aligned parts, and how much of it each class (C + 1,) takes, 0 to 1."""
+    # All of it where it brings the surfaces much nearer, nothing where it brings them no nearer: in between a
+    # share, so that no small change of a mesh decides.
     field = drift(there.rows(slice(CONTROLS)), fixed.rows(slice(ANCHORS)), diagonal)
     drifted = replace(there, points=there.points + field.at(there.points, there.label))
     smooth = np.zeros(int(there.label.max(initial=-1)) + 2)
@@ -195,11 +177,9 @@ def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
 def _on_adjacent_parts(
     warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float
 ) -> Ints:
-    """The counterparts, but of a part adjacent to it where that alone has such a face.
-
-    Modellers cut where it suits them: what is a strip of the fuselage's side in one wing's mesh is
-    the fuselage's in another, and nothing of the other wing faces that way.
-    """
+    """The counterparts, but of a part adjacent to it where that alone has such a face."""
+    # Modellers cut where it suits them: what is a strip of the fuselage's side in one wing's mesh is the
+    # fuselage's in another, and nothing of the other wing faces that way.
     weight = FACING * diagonal_m
     here, there = (with_normals(patch.points, patch.normals, weight) for patch in (warped, fixed))
     faces_away = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) < _FACES_AWAY

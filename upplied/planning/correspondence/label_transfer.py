@@ -28,8 +28,7 @@ from upplied.planning.constants import (
 )
 from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.planning.geometry.clouds import diagonal_of, nearest_facing, spacing
-from upplied.planning.surface.parts import labels_of
-from upplied.planning.surface.pieces import by_size, joined_small
+from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
 _LEAST_SAMPLES = 15  # of a part that is compared with others
@@ -82,21 +81,17 @@ def carried(whole: Cloud, known: Cloud) -> Ints:
 
 
 def _nearest(whole: Cloud, moved: Cloud) -> tuple[Ints, Bools]:
-    """The part (N,) of `moved` that lies nearest to each sample, and whether it is far.
-
-    Farther than what turning a normal by a right angle counts.
-    """
+    """The part (N,) of `moved` that lies nearest to each sample, and whether it is far."""
+    # Farther than what turning a normal by a right angle counts.
     weight = FACING * diagonal_of(whole.points)
     distance, index = nearest_facing(whole, moved, weight)
     return labels_of(moved)[index], distance > weight
 
 
 def _named(whole: Cloud, skin: Ints, name: Ints, moved: Cloud) -> Ints:
-    """A name for each sample: what most of its stretch have, unless its own lies clearly nearer.
-
-    What is no farther than neighbours are is not clearer: decks lie close, and so does what a displacement
-    brings a step too far. Nor do few samples of a stretch make a part.
-    """
+    """A name for each sample: what most of its stretch have, unless its own lies clearly nearer."""
+    # What is no farther than neighbours are is not clearer: decks lie close, and so does what a displacement
+    # brings a step too far. Nor do few samples of a stretch make a part.
     number, weight, slack = int(name.max()) + 1, FACING * diagonal_of(whole.points), TOUCH * spacing(whole)
     of_stretch, own_name = _counted(skin, name, number).argmax(axis=1)[skin], name.copy()
     for part in np.unique(of_stretch[name != of_stretch]):
@@ -123,10 +118,8 @@ def connected(pairs: Ints, name: Ints) -> Ints:
 
 
 def _with_others(whole: Cloud, skin: Ints, label: Ints, far: Bools) -> Ints:
-    """The parts, and beside them others of the kind of a compact one, of samples that mostly lie far.
-
-    Each is looked for about a compact stretch of skin, the largest first.
-    """
+    """The parts, and beside them others of the kind of a compact one, of samples that mostly lie far."""
+    # Each is looked for about a compact stretch of skin, the largest first.
     templates = [mine for mine in _compact(whole, label) if far[mine].mean() <= MAJORITY]
     label, count = label.copy(), np.bincount(skin)
     taken = np.any(templates, axis=0) if templates else np.zeros(len(whole), bool)
@@ -165,12 +158,10 @@ def unnamed_like(whole: Cloud, named: Ints, template: Bools) -> bool:
 
 
 def _covered(whole: Cloud, skin: Ints, template: Bools, mine: Bools, taken: Bools) -> Bools:
-    """What a part covers, shifted or mirrored to where it lies best about a stretch of skin.
-
-    Stretches that it mostly covers count whole, and must be most of it: on a scan another engine may be two
-    of them, and its pylon a piece of the wing's, but what covers a piece of a wing alone is none. Then the
-    stretch is asked alone.
-    """
+    """What a part covers, shifted or mirrored to where it lies best about a stretch of skin."""
+    # Stretches that it mostly covers count whole, and must be most of it: on a scan another engine may be two
+    # of them, and its pylon a piece of the wing's, but what covers a piece of a wing alone is none. Then the
+    # stretch is asked alone.
     size, reach = _size_and_reach(whole, template)
     weight = FACING * diagonal_of(whole.points)
     middle = whole.points[mine].mean(axis=0)

@@ -1,10 +1,9 @@
 """Do two structures correspond at all? A measure free of density and scale, and where they do not fit.
 
-The published score cannot tell: it grows with the spacing of the samples and with the structure,
-sees one direction only, and the boxes it starts from make anything as large as anything. Here three
-things count, each without a unit: how much of the space that one occupies the other occupies too,
-how far the surfaces are apart beyond the spacing of their samples, and how unevenly the boxes had to be
-stretched.
+The published score cannot tell: it grows with the spacing of the samples and with the structure, sees one
+direction only, and the boxes it starts from make anything as large as anything. Here three things count, each
+without a unit: how much of the space that one occupies the other occupies too, how far the surfaces are apart
+beyond the spacing of their samples, and how unevenly the boxes had to be stretched.
 """
 
 from __future__ import annotations
@@ -18,15 +17,9 @@ from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.naming import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
-from upplied.planning.geometry.clouds import (
-    UNTURNED,
-    diagonal_of,
-    in_source_frame,
-    nearest_facing,
-    spacing,
-)
+from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, nearest_facing, spacing
 from upplied.planning.surface.parts import blades_of
-from upplied.records import Bools, Cloud, Floats, Record, Registration
+from upplied.records import Cloud, Floats, Record, Registration
 
 _CELLS = 16  # along each axis of the common box
 _SAMPLES = 1000  # of each structure, asked for their distance
@@ -65,13 +58,23 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     do, are turned along their counterparts first.
     """
     registered = in_source_frame(target, registration)
-    here = _with_blades_turned(source, registered)
-    common, explained = _overlaps(here.points, registered.points)
+    here, diagonal = source, diagonal_of(source.points)
+    if blades_of(source).any() and blades_of(registered).any():
+        moved = aligned_parts(*patches(source, registered, matched(source, registered)), turned_only=True)
+        here = Cloud(moved.points, moved.normals, source.area_m2, source.part)
+    # Share of the cells of either that are at most one cell from the other's.
+    low = np.minimum(here.points.min(axis=0), registered.points.min(axis=0))
+    size = np.maximum(np.maximum(here.points.max(axis=0), registered.points.max(axis=0)) - low, 1e-9)
+    one, other = np.zeros((2, _CELLS, _CELLS, _CELLS), bool)
+    for grid, places in ((one, here.points), (other, registered.points)):
+        cell = np.clip(((places - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
+        grid[tuple(cell.T)] = True
+    common = float((one & ndimage.binary_dilation(other)).sum() / one.sum())
+    explained = float((other & ndimage.binary_dilation(one)).sum() / other.sum())
     overlap = (common + explained) / 2
-    diagonal = diagonal_of(source.points)
-    forth, back = _distances(here, registered, diagonal), _distances(registered, here, diagonal)
-    gap_there = _mean(registered, back)
-    gap = (_mean(here, forth) + gap_there) / 2
+    forth, gap_here = _distances(here, registered, diagonal)
+    back, gap_there = _distances(registered, here, diagonal)
+    gap = (gap_here + gap_there) / 2
     logs = np.sort(np.log(registration.scale))
     stretch = float(np.abs(logs - logs[1]).max())
     value = float(np.dot(_WEIGHTS, (1 - overlap, gap, stretch)))
@@ -80,42 +83,13 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     return Misfit(overlap, gap, stretch, value, scanned, common, worst)
 
 
-def _with_blades_turned(source: Cloud, registered: Cloud) -> Cloud:
-    if not (blades_of(source).any() and blades_of(registered).any()):
-        return source
-    moved = aligned_parts(*patches(source, registered, matched(source, registered)), turned_only=True)
-    return Cloud(moved.points, moved.normals, source.area_m2, source.part)
-
-
-def _overlaps(points: Floats, others: Floats) -> tuple[float, float]:
-    """Share of the cells of either that are at most one cell from the other's."""
-    low = np.minimum(points.min(axis=0), others.min(axis=0))
-    size = np.maximum(np.maximum(points.max(axis=0), others.max(axis=0)) - low, 1e-9)
-    one, other = _occupied(points, low, size), _occupied(others, low, size)
-    forth = (one & ndimage.binary_dilation(other)).sum() / one.sum()
-    back = (other & ndimage.binary_dilation(one)).sum() / other.sum()
-    return float(forth), float(back)
-
-
-def _occupied(points: Floats, low: Floats, size: Floats) -> Bools:
-    cell = np.clip(((points - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
-    grid = np.zeros((_CELLS,) * 3, bool)
-    grid[cell[:, 0], cell[:, 1], cell[:, 2]] = True
-    return grid
-
-
-def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
-    """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, over the diagonal.
-
-    A surface that faces another way is farther.
-    """
-    some = cloud.at(spread_over(cloud, _SAMPLES))
-    away = nearest_facing(some, other, GAP_FACING * diagonal_m)[0]
-    return np.maximum(away - spacing(other), 0) / diagonal_m
-
-
-def _mean(cloud: Cloud, distances: Floats) -> float:
-    return float(np.average(distances, weights=cloud.areas[spread_over(cloud, _SAMPLES)]))
+def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> tuple[Floats, float]:
+    """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, and the mean."""
+    # Over the diagonal. A surface that faces another way is farther.
+    index = spread_over(cloud, _SAMPLES)
+    away = nearest_facing(cloud.at(index), other, GAP_FACING * diagonal_m)[0]
+    distances = np.maximum(away - spacing(other), 0) / diagonal_m
+    return distances, float(np.average(distances, weights=cloud.areas[index]))
 
 
 def _worst(

@@ -62,17 +62,24 @@ def pinned_parts(
         one = _named(name, source, here, source_landmarks)
         if one is None:
             raise _unknown(name, "source", source_landmarks, len(here), "")
-        other = _named(name_there, target, there, target_landmarks)
-        if other is None and set(name_there.split("_")) <= set(_PLACES):
+        other, reason = _named(name_there, target, there, target_landmarks), ""
+        if other is not None:
+            # As much larger along both sides as a matched part may be along one: no engine and airliner.
+            ratio = there.area[other] / max(here.area[one], 1e-12)
+            if not 1 / MOST_RATIO**2 < ratio < MOST_RATIO**2:
+                reason = (
+                    f"there lies part_{other} of the target with {100 * there.area[other]:.1f} % of its "
+                    f"surface, and part_{one} of the source has {100 * here.area[one]:.1f} %"
+                )
+        elif set(name_there.split("_")) <= set(_PLACES):
             other = _by_place(name_there.split("_"), here, one, there, names)
-            if other is None:
-                raise _not_told_apart(name, name_there, "no part of the target has the shape and size of it")
-        elif other is not None and not _comparable(here, one, there, other):
-            raise _not_told_apart(
-                name,
-                name_there,
-                f"there lies part_{other} of the target with {100 * there.area[other]:.1f} % of its surface, "
-                f"and part_{one} of the source has {100 * here.area[one]:.1f} %",
+            reason = "no part of the target has the shape and size of it" if other is None else ""
+        if reason:
+            raise RefusedError(
+                f"counterpart {name}={name_there}",
+                f"cannot be distinguished on the target: {reason}",
+                "a named counterpart is one part of the target",
+                "give a model of the target in which that part is a piece of its own",
             )
         if other is None:
             places = " or places among " + ", ".join(_PLACES)
@@ -111,7 +118,7 @@ def _by_place(words: list[str], source: Parts, part: int, target: Parts, names: 
     side = {"left": 1, "right": -1}.get(next((word for word in words if word in ("left", "right")), ""), 0)
     side = side or side_of(source, part)
     candidates = [other for other in candidates if side_of(target, other) == side] or candidates
-    offset = _offsets(target)
+    offset = _in_unit_box(target).middle - 0.5
     score = {"outer": np.abs(offset[:, 1]), "inner": -np.abs(offset[:, 1])}
     score |= {"front": offset[:, 0], "rear": -offset[:, 0], "high": offset[:, 2], "low": -offset[:, 2]}
     wanted = sum((score[word] for word in words if word in score), np.zeros(len(target)))
@@ -121,24 +128,6 @@ def _by_place(words: list[str], source: Parts, part: int, target: Parts, names: 
 def _alike(source: Parts, part: int, target: Parts) -> list[int]:
     """Target parts of like shape, with the structures' boxes made equal."""
     return like_shape(_in_unit_box(source), part, _in_unit_box(target), np.sqrt(3.0)).tolist()
-
-
-def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
-    """Whether a part of the target may be meant by somebody who names a part of the source.
-
-    As much larger along both sides as a matched part may be along one, but not an engine and an airliner.
-    """
-    ratio = target.area[other] / max(source.area[part], 1e-12)
-    return bool(1 / MOST_RATIO**2 < ratio < MOST_RATIO**2)
-
-
-def _not_told_apart(name: str, name_there: str, reason: str) -> RefusedError:
-    return RefusedError(
-        f"counterpart {name}={name_there}",
-        f"cannot be distinguished on the target: {reason}",
-        "a named counterpart is one part of the target",
-        "give a model of the target in which that part is a piece of its own",
-    )
 
 
 def _in_unit_box(parts: Parts) -> Parts:
@@ -152,14 +141,9 @@ def _in_unit_box(parts: Parts) -> Parts:
     )
 
 
-def _offsets(parts: Parts) -> Floats:
-    """Middles (K, 3) from the middle of the structure, over its size."""
-    return np.asarray(_in_unit_box(parts).middle - 0.5)
-
-
 def side_of(parts: Parts, part: int) -> int:
     """Side on which a part lies: 1 left (+Y), -1 right, 0 in the middle."""
-    offset = _offsets(parts)[part, 1]
+    offset = _in_unit_box(parts).middle[part, 1] - 0.5
     return 0 if abs(offset) < TOLERANCE else int(np.sign(offset))
 
 

@@ -133,10 +133,11 @@ def without(
     """
     gone, mine = missing.beyond, labels_of(here)
     if carried is not None:
-        elsewhere = [
-            part for part in np.unique(mine[gone]).tolist() if _elsewhere(match, part, there, carried)
-        ]
-        gone = gone[~np.isin(mine[gone], elsewhere)]
+        theirs, area = labels_of(there), there.areas
+        for part in np.unique(mine[gone]).tolist():
+            on = np.isin(theirs, match.target_parts(part))
+            if area[on & (carried == part)].sum() < (1 - MAJORITY) * area[on].sum():
+                gone = gone[mine[gone] != part]
     if not len(gone):
         return match
     scanned = np.ones(len(here), bool)
@@ -147,13 +148,6 @@ def without(
         distance_m=np.where(scanned, match.distance_m, np.nan),
         target_points=np.where(scanned[:, None], match.target_points, np.nan),
     )
-
-
-def _elsewhere(match: Correspondences, part: int, there: Cloud, carried: Ints) -> bool:
-    """Whether a part of the source was matched with what it does not come to lie on."""
-    theirs = np.isin(labels_of(there), match.target_parts(part))
-    area = there.areas
-    return bool(area[theirs & (carried == part)].sum() < (1 - MAJORITY) * area[theirs].sum())
 
 
 def _in_target_frame(here: Cloud, registration: Registration) -> tuple[Floats, Floats]:

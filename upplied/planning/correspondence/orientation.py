@@ -17,11 +17,7 @@ from scipy.spatial.transform import Rotation
 from upplied.geometry.vectors import scaled_normals
 from upplied.planning.constants import CLEARLY_BETTER, FACING, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
-from upplied.planning.geometry.clouds import (
-    box_scale,
-    diagonal_of,
-    icp,
-)
+from upplied.planning.geometry.clouds import box_scale, diagonal_of, icp
 from upplied.records import Cloud, Floats, Ints, Record
 
 _STEP_DEG = 10.0  # between headings
@@ -50,7 +46,10 @@ def find_orientation(
     """
     declared = np.eye(3) if declared is None else declared
     few, few_target = (cloud.at(spread_over(cloud, _COARSE)) for cloud in (source, target))
-    turns = _headings() if search == "heading" else np.concatenate([_headings(), _axes(source, target)])
+    about = np.arange(0, 360, _STEP_DEG)[:, None]
+    turns = Rotation.from_euler("z", about, degrees=True).as_matrix()
+    if search == "orientation":
+        turns = np.concatenate([turns, _axes(source, target)])
     rough = np.array([_cost(few, few_target, turn) for turn in turns])
     more, more_target = (cloud.at(spread_over(cloud, _FINE)) for cloud in (source, target))
     best = turns[np.argsort(rough, kind="stable")]
@@ -120,27 +119,19 @@ def _refined(source: Cloud, target: Cloud, turn: Floats, search: str) -> tuple[F
     return (candidate, after) if after < (1 - TOLERANCE) * before else (turn, before)
 
 
-def _headings() -> Floats:
-    return Rotation.from_euler("z", np.arange(0, 360, _STEP_DEG)[:, None], degrees=True).as_matrix()
-
-
 def _axes(source: Cloud, target: Cloud) -> Floats:
     """Turns (24, 3, 3) of the target's principal axes onto the source's, in every proper assignment."""
-    mine, theirs = _principal(source), _principal(target)
-    turns = []
+    both, turns = [], []
+    for cloud in (source, target):
+        weight = cloud.areas
+        offset = cloud.points - np.average(cloud.points, axis=0, weights=weight)
+        axes = np.linalg.eigh((offset * weight[:, None]).T @ offset)[1]
+        both.append(axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))]))  # right-handed
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         assigned = np.eye(3)[list(order)] * np.array(signs)
         if np.linalg.det(assigned) > 0:
-            turns.append(mine @ assigned @ theirs.T)
+            turns.append(both[0] @ assigned @ both[1].T)
     return np.array(turns)
-
-
-def _principal(cloud: Cloud) -> Floats:
-    """Principal axes (columns), right-handed."""
-    weight = cloud.areas
-    offset = cloud.points - np.average(cloud.points, axis=0, weights=weight)
-    axes = np.linalg.eigh((offset * weight[:, None]).T @ offset)[1]
-    return axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
 
 
 def _distinct(turns: Floats) -> Ints:

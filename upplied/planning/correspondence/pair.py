@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -33,10 +34,10 @@ from upplied.planning.correspondence.never_scanned import (
 from upplied.planning.correspondence.part_alignment import rotor_turned
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.correspondence.registration import Declared, declared_for, register
+from upplied.planning.surface.lattice import voxel_cloud
 from upplied.planning.surface.parts import blades_of, pieces_tell_parts
 from upplied.planning.surface.samples import surface_samples, with_fine
 from upplied.planning.surface.skin import PartLabels, Skin, middle_of, skin_study
-from upplied.planning.surface.thinning import voxel_cloud
 from upplied.records import (
     Bools,
     Cloud,
@@ -115,11 +116,8 @@ def grained(
     facts = np.flatnonzero(meant).tolist(), [] if cloud.part is None else cloud.part.tolist()
     key = content_key("fine", structure.sha256, clouds, digest(facts))
     memo = remembering(memo, structure.sha256)
-
-    def finer() -> Grained:
-        return Grained(*with_fine(structure, scene_of(structure), cloud, meant), key)
-
-    return memo("fine", Grained, key, finer)
+    sampled = partial(with_fine, structure, scene_of(structure), cloud, meant)
+    return memo("fine", Grained, key, lambda: Grained(*sampled(), key))
 
 
 def study_pair(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Pair:
@@ -137,7 +135,9 @@ def pair_of(surfaces: Task, settings: Settings, labelled: Fit | None = None) -> 
     missing, declared = surfaces.missing(fit), surfaces.declared
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
         declared = replace(declared, turn=fit.registration.rotation @ fit.registration.turn)
-    clouds = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
+    keys = [content_key("voxels", each.sha256, settings.clouds) for each in (source, target)]
+    here, there = (partial(voxel_cloud, each, settings.clouds) for each in (source, target))
+    clouds = memo("clouds", Cloud, keys[0], here), memo("clouds", Cloud, keys[1], there)
     voxels = Task(source, target, voxel_settings(settings), memo, clouds, declared, ("voxels",))
     fit = fit if labelled is None else labelled
     match = without(fit.correspondences, missing, fit.source, fit.target, fit.carried)
@@ -188,9 +188,8 @@ class Task(Record):
     def with_carried(self, fit: Fit) -> Fit:
         """A fit with the source's part that a smooth displacement brings onto each target sample."""
         of = fit.registered, fit.source
-        return replace(
-            fit, carried=self.remembered("carried", PartLabels, lambda: PartLabels(carried(*of))).label
-        )
+        found = self.remembered("carried", PartLabels, lambda: PartLabels(carried(*of)))
+        return replace(fit, carried=found.label)
 
     def labelled(self, clouds: tuple[Cloud, Cloud], by: str) -> Task:
         """The same of clouds whose parts another structure labelled."""
@@ -262,11 +261,6 @@ def _with_inferred_parts(task: Task, fit: Fit, one: int) -> Task:
     clouds = list(task.clouds)
     clouds[one] = replace(clouds[one], part=task.remembered("parts", PartLabels, inferred).label)
     return task.labelled((clouds[0], clouds[1]), "the other")
-
-
-def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
-    key = content_key("voxels", structure.sha256, clouds)
-    return memo("clouds", Cloud, key, lambda: voxel_cloud(structure, clouds))
 
 
 def samples_of(structure: Structure, settings: Settings, memo: Memo = no_memo) -> Cloud:

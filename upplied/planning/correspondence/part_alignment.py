@@ -34,10 +34,10 @@ def matched(
 
     Where parts were inferred by the names (M,) of the target's samples, what boxes leave is matched by name.
     """
-    diagonal = diagonal_of(source.points)
+    diagonal, labels = diagonal_of(source.points), (labels_of(source), labels_of(registered))
 
     def fits(parts: Sequence[int], partners: Sequence[int]) -> bool:
-        mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), partners)
+        mine, theirs = np.isin(labels[0], parts), np.isin(labels[1], partners)
         return misfit_of_parts(source, mine, registered, theirs, diagonal) < 1
 
     here, there = parts_of(source), parts_of(registered)
@@ -71,8 +71,15 @@ def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
         part, partner = moving.points[mine], fixed.points[theirs]
         turn = _turned(part, moving.points, partner, fixed.points)
         turned[label] = turn is not None
-        if turn is None and _another_shape(part, partner):
-            continue
+        if turn is None:
+            # Do extents differ by more than those of counterparts do: along the axes, and along their own?
+            # What little sticks out does not count, nor a blade that hardly turned.
+            boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
+            own = [extent_of(points) for points in (part, partner)]
+            least = LEAST_PART * float(np.linalg.norm(boxes[0]))
+            ratios = [np.log(np.maximum(a, least) / np.maximum(b, least)) for a, b in (boxes, own)]
+            if min(np.abs(ratio).max() for ratio in ratios) > np.log(MOST_RATIO):
+                continue
         matrix[label], offset[label] = _box_on_box(part, partner) if turn is None else turn
     return matrix, offset, turned
 
@@ -97,15 +104,16 @@ def _turned(
     part: Floats, whole: Floats, partner: Floats, other_whole: Floats
 ) -> tuple[Floats, Floats] | None:
     """The map onto the direction of a counterpart, None unless both parts are long and point apart."""
-    axis, length, width, outward = _direction(part, whole)
-    other_axis, other_length, other_width, other_outward = _direction(partner, other_whole)
+    axis, length, width, outward, middle = _direction(part, whole)
+    other_axis, other_length, other_width, other_outward, other_middle = _direction(partner, other_whole)
     pointing = outward and other_outward and length > SLENDER * width and other_length > SLENDER * other_width
     if not pointing or axis @ other_axis > _TURNED:
         return None
-    turn = _smallest_turn(axis, other_axis)
+    v, cosine = np.cross(axis, other_axis), float(axis @ other_axis)
+    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    turn = np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-9)  # the smallest between the axes
     stretch = np.eye(3) * (other_width / width)
     stretch += np.outer(axis, axis) * (other_length / length - other_width / width)
-    middle, other_middle = _middle_along(part, axis), _middle_along(partner, other_axis)
     matrix = turn @ stretch
     return matrix, other_middle - matrix @ middle
 
@@ -117,24 +125,10 @@ def _box_on_box(part: Floats, partner: Floats) -> tuple[Floats, Floats]:
     return np.diag(scale), other[0] - scale * box[0]
 
 
-def _another_shape(part: Floats, partner: Floats) -> bool:
-    """Whether extents differ by more than those of counterparts do: along the axes, and along their own.
-
-    What little sticks out does not count, nor a blade that hardly turned.
-    """
-    boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
-    own = [extent_of(points) for points in (part, partner)]
-    least = LEAST_PART * float(np.linalg.norm(boxes[0]))
-    ratios = [np.log(np.maximum(one, least) / np.maximum(other, least)) for one, other in (boxes, own)]
-    return bool(min(np.abs(ratio).max() for ratio in ratios) > np.log(MOST_RATIO))
-
-
 def _core(part: Floats) -> Floats:
-    """Lower and upper corner (2, 3) of a part without what little sticks out of it.
-
-    A strip of the wing that was modelled with the engine would double the engine's box. Where
-    the outermost samples widen an axis by far more than their number, they do not count.
-    """
+    """Lower and upper corner (2, 3) of a part without what little sticks out of it."""
+    # A strip of the wing that was modelled with the engine would double the engine's box. Where the outermost
+    # samples widen an axis by far more than their number, they do not count.
     low, high = part.min(axis=0), part.max(axis=0)
     inner_low, inner_high = np.quantile(part, [TOLERANCE, 1 - TOLERANCE], axis=0)
     usual = (inner_high - inner_low) * TOLERANCE / (1 - 2 * TOLERANCE)
@@ -143,29 +137,18 @@ def _core(part: Floats) -> Floats:
     return np.stack([low, high])
 
 
-def _direction(part: Floats, whole: Floats) -> tuple[Floats, float, float, bool]:
-    """Long axis of a part, its length and width, and whether it points away from the structure's middle."""
-    offset = part - part.mean(axis=0)
+def _direction(part: Floats, whole: Floats) -> tuple[Floats, float, float, bool, Floats]:
+    """Long axis of a part, its length and width, whether it points outward, and its middle along the axis."""
+    mean = part.mean(axis=0)
+    offset = part - mean
     axis = np.linalg.eigh(offset.T @ offset)[1][:, 2]
-    outward = (part.mean(axis=0) - (whole.min(axis=0) + whole.max(axis=0)) / 2) @ axis
+    outward = (mean - (whole.min(axis=0) + whole.max(axis=0)) / 2) @ axis
     axis = axis if outward >= 0 else -axis
     along = offset @ axis
     across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-    length = float(np.ptp(along))
-    return axis, length, float(2 * np.sqrt(np.mean(across**2))), bool(abs(outward) > length / SLENDER)
-
-
-def _middle_along(part: Floats, axis: Floats) -> Floats:
-    mean = part.mean(axis=0)
-    along = (part - mean) @ axis
-    return mean + axis * (along.min() + along.max()) / 2
-
-
-def _smallest_turn(a: Floats, b: Floats) -> Floats:
-    """The rotation matrix of the smallest turn from unit vector `a` to unit vector `b`."""
-    v, cosine = np.cross(a, b), float(a @ b)
-    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-9)
+    length, width = float(np.ptp(along)), float(2 * np.sqrt(np.mean(across**2)))
+    middle = mean + axis * (along.min() + along.max()) / 2
+    return axis, length, width, bool(abs(outward) > length / SLENDER), middle
 
 
 def misfit_of_parts(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagonal_m: float) -> float:

@@ -60,24 +60,30 @@ def match_parts(
         cost[one, other] = -1.0
     cost = np.where(allowed, cost, 10.0)
     alone = np.full((len(source), len(source)), 10.0)
-    np.fill_diagonal(alone, _unmatched(source))
+    unmatched = 2 * np.sqrt(source.area)  # by its size, so that a fairing displaces no engine
+    np.fill_diagonal(alone, unmatched)
     rows, columns = linear_sum_assignment(np.hstack([cost, alone]))
     partner = np.full(len(source), -1)
     with_one = columns < len(target)
     with_one[with_one] = allowed[rows[with_one], columns[with_one]]
     partner[rows[with_one]] = columns[with_one]
     partner = _exchanged(partner, cost, source, target, diagonal_m, set(pinned))
-    classes = _with_unions(_classes(partner, len(target)), source, target, diagonal_m, fits)
-    here, there = classes.source_class, classes.target_class
+    here, there = np.full(len(source), -1), np.full(len(target), -1)
+    has = np.flatnonzero(partner >= 0)
+    here[has] = there[partner[has]] = np.arange(len(has))
+    # One part may correspond to two that make it up.
+    both_ways = ((source, here, target, there, False), (target, there, source, here, True))
+    for one_side, one_class, other_side, other_class, swapped in both_ways:
+        for part in np.flatnonzero(one_class < 0).tolist():
+            free = np.flatnonzero(other_class < 0)
+            for pair in _unions_like(one_side, part, other_side, free, diagonal_m):
+                if fits(pair, [part]) if swapped else fits([part], pair):
+                    one_class[part] = other_class[pair] = here.max() + 1
+                    break
     for _ in range(2):  # what was joined here may make it more alike to join its like there
         here = _with_pieces(here, source, there, target, diagonal_m)
         there = _with_pieces(there, target, here, source, diagonal_m)
     return Matching(here, there)
-
-
-def _unmatched(source: Parts) -> Floats:
-    """What it costs that a part has no partner, (K,): by its size, so that a fairing displaces no engine."""
-    return 2 * np.sqrt(source.area)
 
 
 def like_shape(source: Parts, part: int, target: Parts, diagonal_m: float) -> Ints:
@@ -93,22 +99,16 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
     allowed = _alike(source, target, diagonal_m, LEAST_PART, MOST_RATIO) & near & (size < np.log(MOST_RATIO))
     # On different sides of structures that are their own mirror images.
     across = (np.abs(source.side[:, None] - target.side[None, :]) > MAJORITY).any(axis=2)
-    return apart, allowed & ~(across & ~_both_blades(source, target))
+    return apart, allowed & ~(across & ~np.logical_and.outer(source.blade, target.blade))
 
 
 def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: float) -> Bools:
-    """Which parts (K, L) have extents of at most a ratio, where these are above a floor.
-
-    Blades may have turned: they are compared along their own axes as well.
-    """
+    """Which parts (K, L) have extents of at most a ratio, where these are above a floor."""
+    # Blades may have turned: they are compared along their own axes as well.
     boxes = _ratios(source.high - source.low, target.high - target.low, floor * diagonal_m)
     turned = _ratios(source.extent, target.extent, floor * diagonal_m)
-    along = _both_blades(source, target) & (turned.max(axis=2) < np.log(most))
+    along = np.logical_and.outer(source.blade, target.blade) & (turned.max(axis=2) < np.log(most))
     return np.asarray((boxes.max(axis=2) < np.log(most)) | along, bool)
-
-
-def _both_blades(source: Parts, target: Parts) -> Bools:
-    return source.blade[:, None] & target.blade[None, :]
 
 
 def _ratios(one: Floats, other: Floats, floor: float) -> Floats:
@@ -151,12 +151,10 @@ def _neighbours(partner: Ints, free: list[int], cost: Floats) -> Iterator[Ints]:
 
 
 def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float) -> float:
-    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides.
-
-    Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
-    """
+    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides."""
+    # Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
     has = np.flatnonzero(partner >= 0)
-    total = float(cost[has, partner[has]].sum()) + float(_unmatched(source)[partner < 0].sum())
+    total = float(cost[has, partner[has]].sum()) + float(2 * np.sqrt(source.area[partner < 0]).sum())
     one, other = np.nonzero(np.triu(source.touching, 1))
     weight = np.sqrt(source.area[one] * source.area[other])
     known = (partner[one] >= 0) & (partner[other] >= 0)
@@ -173,39 +171,10 @@ def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m
     return total + _NEIGHBOURS * float(weight[new].sum())
 
 
-def _classes(partner: Ints, number: int) -> Matching:
-    source_class, target_class = np.full(len(partner), -1), np.full(number, -1)
-    has = np.flatnonzero(partner >= 0)
-    source_class[has] = np.arange(len(has))
-    target_class[partner[has]] = np.arange(len(has))
-    return Matching(source_class, target_class)
-
-
-def _with_unions(
-    matching: Matching,
-    source: Parts,
-    target: Parts,
-    diagonal_m: float,
-    fits: Callable[[Sequence[int], Sequence[int]], bool],
-) -> Matching:
-    """Let one part correspond to two that make it up."""
-    source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
-    here, there = (source, source_class), (target, target_class)
-    for (one, one_class), (other, other_class), swapped in ((here, there, False), (there, here, True)):
-        for part in np.flatnonzero(one_class < 0).tolist():
-            for pair in _unions_like(one, part, other, np.flatnonzero(other_class < 0), diagonal_m):
-                if fits(pair, [part]) if swapped else fits([part], pair):
-                    one_class[part] = other_class[pair] = source_class.max() + 1
-                    break
-    return Matching(source_class, target_class)
-
-
 def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: float) -> Ints:
-    """The classes (K,) of parts, where pieces in none joined the compact body that they touch.
-
-    The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
-    counterpart as it was.
-    """
+    """The classes (K,) of parts, where pieces in none joined the compact body that they touch."""
+    # The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
+    # counterpart as it was.
     own, size = own.copy(), (one.high - one.low).max(axis=1)
     compact = size < COMPACT * diagonal_m
     for part in np.flatnonzero((own < 0) & compact):

@@ -46,16 +46,17 @@ def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Regist
     if diagonal_of(source.points) <= 0:
         return None
     both = _Both(source, target, box)
-    ways = sorted(both.ways(), key=lambda way: both.apart(*way))
-    scale, shift = min((both.refined(*way) for way in ways[:_REFINED]), key=lambda way: both.apart(*way))
-    apart, before = both.apart(scale, shift), both.apart(np.ones(3), np.zeros(3))
+    ways = sorted(both.ways(), key=lambda way: both.judged(*way).apart_m)
+    refined = [both.refined(*way) for way in ways[:_REFINED]]
+    scale, shift = min(refined, key=lambda way: both.judged(*way).apart_m)
+    found, before = both.judged(scale, shift), both.judged(np.ones(3), np.zeros(3)).apart_m
     moved = np.linalg.norm(both.points * (scale - 1) + shift, axis=1).mean() / both.diagonal
     # Of twelve structures that nobody built, scanned whole or but for 10 to 40 % of their surface, those
     # whose boxes were right moved by 2.7 % at most and came nearer to no less than 0.75 (where the boxes fit
     # well nothing is tried), those whose boxes were wrong moved by 16 %.
-    if apart >= before or (moved < _FAR and apart > MAJORITY * before):
+    if found.apart_m >= before or (moved < _FAR and found.apart_m > MAJORITY * before):
         return None
-    return both.registration(scale, shift)
+    return found.registration
 
 
 class Judged(NamedTuple):
@@ -76,7 +77,9 @@ def ways_of_open(source: Cloud, target: Cloud, box: Registration, registration: 
     known = [both.judged(*way) for way in ways]
     best = sorted(range(len(ways)), key=lambda way: known[way].apart_m)
     known += [both.judged(*both.refined(*ways[way])) for way in best[:_REFINED]]
-    first = both.judged(*both.way(registration))._replace(registration=registration)
+    scale = registration.scale / box.scale
+    shift = registration.translation - scale * box.translation
+    first = both.judged(scale, shift)._replace(registration=registration)
     return [first, *sorted(known, key=lambda each: each.apart_m)]
 
 
@@ -110,17 +113,6 @@ class _Both:
         self.points, self.normals = registered.points[theirs], registered.outward[theirs]
         self.ends = registered.points.min(axis=0), registered.points.max(axis=0)
         self.open = target.open[theirs] if target.open is not None else np.zeros(len(theirs), bool)
-
-    def registration(self, scale: Floats, shift: Floats) -> Registration:
-        """A way as a registration of the target in its own frame; not judged."""
-        box = self.box
-        moved = scale * box.translation + shift
-        return Registration(scale * box.scale, box.rotation, moved, float("nan"), False, turn=box.turn)
-
-    def way(self, registration: Registration) -> Way:
-        """A registration of the target, turned as the boxes are, as a way."""
-        scale = registration.scale / self.box.scale
-        return scale, registration.translation - scale * self.box.translation
 
     def ways(self) -> Iterator[Way]:
         """The boxes as they are, and along some axes the scale of the others, or less, from either end."""
@@ -161,24 +153,20 @@ class _Both:
         normals = scaled_normals(self.normals, scale)
         return with_normals(self.points * scale + shift, normals, self.weight)
 
-    def apart(self, scale: Floats, shift: Floats) -> float:
-        """Mean distance of the surfaces, both ways; what is on one alone counts no more than `_FAR`."""
-        return float(sum(each.mean() for each in self.distances(scale, shift)))
-
     def judged(self, scale: Floats, shift: Floats) -> Judged:
-        """A way as a registration, and how good it is."""
-        both_ways = self.distances(scale, shift)
-        apart, error = sum(of.mean() for of in both_ways), sum(of.var() / len(of) for of in both_ways)
-        return Judged(float(apart), float(2 * np.sqrt(error)), self.registration(scale, shift))
+        """A way as a registration of the target in its own frame, and how far the surfaces lie apart.
 
-    def distances(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:
-        """How far samples of either are from the other's surface, m, but for the source's beyond openings."""
-        moved = self.moved(scale, shift)
+        What is on one alone counts no more than `_FAR`, and samples of the source beyond openings nothing.
+        """
+        moved, far, box = self.moved(scale, shift), _FAR * self.diagonal, self.box
         back, here = cKDTree(moved).query(self.fixed)
         known = ~self.open[here]
-        far = _FAR * self.diagonal
         forth, back = self.tree.query(moved)[0], back[known] if known.any() else np.full(1, far)
-        return np.clip(forth - self.slack, 0, far), np.clip(back - self.slack, 0, far)
+        both_ways = [np.clip(of - self.slack, 0, far) for of in (forth, back)]
+        apart, error = sum(of.mean() for of in both_ways), sum(of.var() / len(of) for of in both_ways)
+        offset = scale * box.translation + shift
+        way = Registration(scale * box.scale, box.rotation, offset, float("nan"), False, turn=box.turn)
+        return Judged(float(apart), float(2 * np.sqrt(error)), way)
 
     def refined(self, scale: Floats, shift: Floats) -> Way:
         """A way in which the surfaces that are on both lie best, by least squares along each axis."""

@@ -21,7 +21,7 @@ from upplied.planning.geometry.clouds import (
 )
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
-from upplied.records import Bools, Cloud, Floats, Frame, Record, Registration, Structure
+from upplied.records import Cloud, Floats, Frame, Record, Registration, Structure
 
 # Where the boxes alone would refuse: how well, in gates, the target's surface must lie on the source, and how
 # much of the source it must cover. Of 38 real meshes, of which 0, 20 or 40 % were left out, on 4 samples and
@@ -57,7 +57,6 @@ def register(
     ----------
     source, target : Cloud
         Of the demonstration structure, and of the target.
-    settings : RegistrationSettings
     declared : Declared, optional
         Without it both clouds are in their declared frames.
 
@@ -66,10 +65,19 @@ def register(
     Registration
         With PCL's score in m^2 and the verdict; where refused, the reason says what and where.
     """
-    declared = Declared() if declared is None else declared
-    if settings.acceptance is None or source.normals is None or target.normals is None:
+    declared, gate = Declared() if declared is None else declared, settings.acceptance
+    if gate is None or source.normals is None or target.normals is None:
         return published(source, target, settings, declared.turn)
-    return judged(source, target, settings, settings.acceptance, declared)
+    turn, gap, evidence, doubt = declared.turn, float("nan"), "orientation as declared", ""
+    if settings.search != "none":
+        best = find_orientation(source, target, settings.search, turn)
+        turn, gap, evidence = best.turn, best.gap, best.evidence
+    chosen = _best_registration(source, target, turn, gate, declared.words)
+    if settings.search == "none" and chosen[1].value > _PARTLY * gate:
+        best = find_orientation(source, target, "heading", turn)
+        doubt = _doubt(best.turn @ turn.T, best.gap)
+    score = mean_squared_nn_distance(source.points, in_source_frame(target, chosen[0]).points)
+    return replace(_verdict(*chosen, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
 
 
 def published(
@@ -98,24 +106,8 @@ def published(
     return Registration(scale, rotation, translation, score, *verdict, turn=start.turn)
 
 
-def judged(
-    source: Cloud, target: Cloud, settings: RegistrationSettings, gate: float, declared: Declared
-) -> Registration:
-    """Boxes matched in the declared or a searched orientation, gated by `misfit`."""
-    turn, gap, evidence, doubt = declared.turn, float("nan"), "orientation as declared", ""
-    if settings.search != "none":
-        best = find_orientation(source, target, settings.search, turn)
-        turn, gap, evidence = best.turn, best.gap, best.evidence
-    chosen = _best_registration(source, target, turn, gate, declared.words)
-    if settings.search == "none" and chosen[1].value > _PARTLY * gate:
-        best = find_orientation(source, target, "heading", turn)
-        doubt = _doubt(best.turn @ turn.T, best.gap)
-    score = mean_squared_nn_distance(source.points, in_source_frame(target, chosen[0]).points)
-    return replace(_verdict(*chosen, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
-
-
 def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
-    """As `judged` in the declared orientation: the same verdict, without the score or a doubted heading."""
+    """As `register` in the declared orientation: the same verdict, without the score or a doubted heading."""
     return _verdict(*_best_registration(source, target, np.eye(3), gate), gate)
 
 
@@ -153,7 +145,15 @@ def _best_registration(
         if judgement.value < CLEARLY_BETTER * misfit.value:
             best, misfit, chosen = body, judgement, "; registered body on body, since blades may have turned"
     if is_open(target):
-        return _of_open(source, target, gate, words, (best, misfit, chosen))
+        # As a whole target, unless a partial one leaves clearly less of its residual.
+        before, *others = ways_of_open(source, target, start, best)
+        for other in others:
+            if other.apart_m > MAJORITY * before.apart_m:
+                break
+            judgement = misfit_of(source, target, other.registration, words)
+            if judgement.value < gate and judgement.common > _COVERED:
+                return other.registration, judgement, "; registered by what was scanned"
+        return best, misfit, chosen
     if misfit.value > _PARTLY * gate and (partly := registered_partly(source, target, start)) is not None:
         judgement = misfit_of(source, target, partly, words)
         lies_well = judgement.scanned < _PARTLY * gate and judgement.common > _COVERED
@@ -161,21 +161,6 @@ def _best_registration(
         if CLEARLY_BETTER * judgement.value < misfit.value if misfit.value < gate else lies_well:
             best, misfit, chosen = partly, judgement, "; registered by what is on both structures"
     return best, misfit, chosen
-
-
-def _of_open(
-    source: Cloud, target: Cloud, gate: float, words: Floats, closed: tuple[Registration, Misfit, str]
-) -> tuple[Registration, Misfit, str]:
-    """The registration as of a whole target, unless a partial one leaves clearly less of its residual."""
-    box = box_on_box(source, target, closed[0].turn)
-    before, *others = ways_of_open(source, target, box, closed[0])
-    for other in others:
-        if other.apart_m > MAJORITY * before.apart_m:
-            break
-        misfit = misfit_of(source, target, other.registration, words)
-        if misfit.value < gate and misfit.common > _COVERED:
-            return other.registration, misfit, "; registered by what was scanned"
-    return closed
 
 
 def box_on_box(source: Cloud, target: Cloud, turn: Floats = UNTURNED) -> Registration:
@@ -193,16 +178,14 @@ def body_on_body(source: Cloud, target: Cloud, turn: Floats = UNTURNED) -> Regis
     horizontal axes along which the blades are spread less.
     """
     turned = Cloud(target.points @ turn.T, None, target.area_m2, target.part)
-    body, other_body = (cloud.points[~blades_of(cloud)] for cloud in (source, turned))
+    both = [(cloud, blades_of(cloud)) for cloud in (source, turned)]
+    body, other_body = (cloud.points[~blades] for cloud, blades in both)
     scale = box_scale(body, other_body)
-    across = int(np.argmax(source.points[blades_of(source)][:, :2].std(axis=0)))
-    scale[across] = _blade_length(source, blades_of(source)) / _blade_length(turned, blades_of(turned))
+    across = int(np.argmax(source.points[both[0][1]][:, :2].std(axis=0)))
+    lengths = [parts_of(cloud).extent[np.unique(labels_of(cloud)[some]), 0].mean() for cloud, some in both]
+    scale[across] = float(lengths[0]) / float(lengths[1])
     middle, other_middle = ((points.min(axis=0) + points.max(axis=0)) / 2 for points in (body, other_body))
     return Registration(scale, np.eye(3), middle - scale * other_middle, float("nan"), False, turn=turn)
-
-
-def _blade_length(cloud: Cloud, blades: Bools) -> float:
-    return float(parts_of(cloud).extent[np.unique(labels_of(cloud)[blades]), 0].mean())
 
 
 def _doubt(turn: Floats, gap: float) -> str:

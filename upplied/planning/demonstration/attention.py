@@ -29,6 +29,8 @@ _DEPTH = 1.3  # of the subject's depth, up to which a sample or a pose belongs t
 
 _GAZE_S, _SHOWN_S = 4.0, 1.0  # of gaze, of being shown, after which the weight is 63 %
 _CREEP_MPS = 0.1  # that a hovering pose counts as: hovering shows nothing new
+_USUAL = 0.95
+_LEAST_MOTION, _MOTION_STEP, _MOTION_BINS = 1e-4, 0.02, 600  # rad/s, of its logarithm: up to 16 rad/s
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,14 +100,17 @@ def attention(
     meant = zone.astype(float) if zone is not None else _meant(stretch, area * gazed, area)
     weight = meant * seen
     looks = _histograms(positions, points, facing / area[:, None], rows, *moving, weight * area)
-    return Attention(weight, part, subject, *_usual(*looks))
+    if looks[0].sum() <= 0:
+        return Attention(weight, part, subject)
+    at = [float(np.searchsorted(np.cumsum(of), _USUAL * of.sum())) for of in looks]
+    motion = float(_LEAST_MOTION * np.exp((at[0] + 1) * _MOTION_STEP))
+    return Attention(weight, part, subject, motion, (at[1] + 1) * 0.5)
 
 
 def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
-    """How much (N,) the flight was about each sample by how completely its stretch was gazed at.
-
-    The mean over the divisions (J, N) of the skin; of a stretch that is as complete as the flight's own all.
-    """
+    """How much (N,) the flight was about each sample by how completely its stretch was gazed at."""
+    # The mean over the divisions (J, N) of the skin; of a stretch that is as complete as the flight's own
+    # all.
     meant = np.zeros(len(area))
     for part in stretch:
         complete = np.bincount(part, gazed) / np.maximum(np.bincount(part, area), 1e-300)
@@ -113,18 +118,6 @@ def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
         share = np.clip((complete - (1 - MAJORITY)) / (2 * MAJORITY - 1), 0, 1)
         meant += (share**2 * (3 - 2 * share))[part] / len(stretch)
     return meant
-
-
-def _usual(motion: Floats, incidence: Floats) -> tuple[float, float]:
-    """95th percentiles of motion (rad/s) and incidence (deg) over the looks, by their histograms."""
-    if motion.sum() <= 0:
-        return 0.0, 0.0
-    at = [float(np.searchsorted(np.cumsum(of), _USUAL * of.sum())) for of in (motion, incidence)]
-    return float(_LEAST_MOTION * np.exp((at[0] + 1) * _MOTION_STEP)), (at[1] + 1) * 0.5
-
-
-_USUAL = 0.95
-_LEAST_MOTION, _MOTION_STEP, _MOTION_BINS = 1e-4, 0.02, 600  # rad/s, of its logarithm: up to 16 rad/s
 
 
 @njit(cache=True)

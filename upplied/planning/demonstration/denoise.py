@@ -54,11 +54,8 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
     breaks : array of int, optional
         First pose after each gap in the log; nothing is smoothed across.
     """
-    cuts = [
-        0,
-        *sorted({int(b) for b in breaks if 0 < b < len(flight)} if breaks is not None else ()),
-        len(flight),
-    ]
+    inner = () if breaks is None else {int(b) for b in breaks if 0 < b < len(flight)}
+    cuts = [0, *sorted(inner), len(flight)]
     extent = 2 * float(np.linalg.norm(flight.positions - flight.positions.mean(axis=0), axis=1).max())
     if extent == 0 or len(flight) < 3:
         return Smoothed(flight, np.array(cuts[1:-1], np.int64))
@@ -86,8 +83,12 @@ def _steady(flight: Trajectory, extent: float) -> Trajectory:
 def _stand(times: Floats, positions: Floats, first: int, end: float) -> None:
     """Make a pause one place, in which all of it is spent; the way into it and out of it stays as flown."""
     last = min(int(np.searchsorted(times, end)), len(times) - 1)
-    place = _middle(positions[first : last + 1])
-    there = np.linalg.norm(positions[first : last + 1] - place, axis=1) <= 3 * JITTER_M
+    points = positions[first : last + 1]
+    place = points.mean(axis=0)
+    for _ in range(20):  # to where the sum of distances is least, nearly: few far ones do not move it
+        weight = 1 / np.maximum(np.linalg.norm(points - place, axis=1), 1e-3)
+        place = weight @ points / weight.sum()
+    there = np.linalg.norm(points - place, axis=1) <= 3 * JITTER_M
     change = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int))).reshape(-1, 2)
     if len(change) == 0:
         return
@@ -97,15 +98,6 @@ def _stand(times: Floats, positions: Floats, first: int, end: float) -> None:
     positions[begin:stop] = place
     times[first : begin + 1] = times[first] + 1e-3 * np.arange(begin + 1 - first)
     times[stop - 1 : last + 1] = times[last] - 1e-3 * np.arange(last + 1 - stop, -1, -1)
-
-
-def _middle(points: Floats) -> Floats:
-    """Where the sum of distances to the points (K, 3) is least, nearly: few far ones do not move it."""
-    place = points.mean(axis=0)
-    for _ in range(20):
-        weight = 1 / np.maximum(np.linalg.norm(points - place, axis=1), 1e-3)
-        place = weight @ points / weight.sum()
-    return place
 
 
 def _at_even_times(flight: Trajectory) -> tuple[Floats, Floats]:
@@ -129,11 +121,9 @@ def _at_even_times(flight: Trajectory) -> tuple[Floats, Floats]:
 
 
 def _without_spikes(values: Floats, tick: float) -> Floats:
-    """Single samples (K, 3) that no vehicle could have been at, put between their neighbours.
-
-    One sample out of place by s makes second differences of s, -2 s and s, whose sum is nothing; the
-    tip of a sharp turn does not.
-    """
+    """Single samples (K, 3) that no vehicle could have been at, put between their neighbours."""
+    # One sample out of place by s makes second differences of s, -2 s and s, whose sum is nothing; the tip of
+    # a sharp turn does not.
     bend = np.zeros_like(values)  # none at the ends, which are never wild
     bend[1:-1] = np.diff(values, 2, axis=0)
     total = bend + np.roll(bend, 1, axis=0) + np.roll(bend, -1, axis=0)
@@ -153,21 +143,32 @@ def noise_of(values: Floats) -> float:
 
 
 def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
-    """Each sample (K, 3) averaged over as long a time as changes nothing but the noise.
-
-    `jitter` is what may change besides.
-    """
+    """Each sample (K, 3) averaged over as long a time as changes nothing but the noise."""
+    # `jitter` is what may change besides.
     noise = noise_of(values)
-    values = _with_calm_ends(values, round(SMOOTH_S / tick), noise)
+    # Both ends lie on the lines through the samples beside them, where no more than noise is off these: what
+    # is continued by reflection beyond an end shares the noise of that end.
+    values = np.array(values)
+    index = np.arange(min(round(SMOOTH_S / tick) + 1, len(values)))
+    for end in (values, values[::-1]) if len(index) >= 4 else ():  # views: what is set is set in `values`
+        _, begin = np.polyfit(index, end[index], 1)
+        if np.linalg.norm(begin - end[0]) <= _AGREE * np.sqrt(3) * noise:
+            end[0] = begin
     averages, spread = [values], [noise]
     for width in _WIDTHS_S:
         sigma = width / tick
         if sigma < 0.5 or 3 * sigma > len(values):
             continue
-        averages.append(_fourth_order(values, sigma))
+        # Weights that keep parabolas: the Gaussian less half its second derivative. The ends are continued by
+        # point reflection and so stay where they are.
+        many = min(int(4 * sigma) + 1, len(values) - 1)
+        before, after = 2 * values[0] - values[many:0:-1], 2 * values[-1] - values[-2 : -many - 2 : -1]
+        step = np.arange(-many, many + 1) / sigma
+        weight = (3 - step**2) * np.exp(-(step**2) / 2)
+        longer = np.vstack([before, values, after])
+        averages.append(convolve1d(longer, weight / weight.sum(), axis=0)[many:-many])
         spread.append(noise * np.sqrt(min(0.476 / sigma, 1.0)))
-    level = np.zeros(len(values), np.int64)
-    agrees = np.ones(len(values), bool)
+    level, agrees = np.zeros(len(values), np.int64), np.ones(len(values), bool)
     for wide in range(1, len(averages)):
         for narrow in range(wide):
             apart = np.linalg.norm(averages[wide] - averages[narrow], axis=1)
@@ -177,31 +178,3 @@ def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
     shares = np.stack([level == index for index in range(len(averages))]).astype(float)
     shares = gaussian_filter1d(shares, SMOOTH_S / 3 / tick, axis=1, mode="nearest")
     return np.asarray(np.einsum("kn,knj->nj", shares, np.stack(averages)))
-
-
-def _with_calm_ends(values: Floats, many: int, noise: float) -> Floats:
-    """The samples, both ends on the lines through those beside them, where no more than noise is off these.
-
-    What is continued by reflection beyond an end shares the noise of that end.
-    """
-    calm = np.array(values)
-    index = np.arange(min(many + 1, len(values)))
-    if len(index) < 4:
-        return calm
-    for end in (calm, calm[::-1]):  # views: what is set is set in `calm`
-        _, begin = np.polyfit(index, end[index], 1)
-        if np.linalg.norm(begin - end[0]) <= _AGREE * np.sqrt(3) * noise:
-            end[0] = begin
-    return calm
-
-
-def _fourth_order(values: Floats, sigma: float) -> Floats:
-    """Average (K, 3) whose weights keep parabolas: the Gaussian less half its second derivative.
-
-    The ends are continued by point reflection and so stay where they are.
-    """
-    many = min(int(4 * sigma) + 1, len(values) - 1)
-    before, after = 2 * values[0] - values[many:0:-1], 2 * values[-1] - values[-2 : -many - 2 : -1]
-    step = np.arange(-many, many + 1) / sigma
-    weight = (3 - step**2) * np.exp(-(step**2) / 2)
-    return convolve1d(np.vstack([before, values, after]), weight / weight.sum(), axis=0)[many:-many]

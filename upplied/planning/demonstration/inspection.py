@@ -154,7 +154,13 @@ def inspect_demonstration(
     """
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     camera = demonstration.camera
-    flight, breaks = prepared(demonstration, settings, memo, _spacing(demonstration, pair))
+    # Stations are so far apart that what one shows and the next overlap well.
+    every = max(1, len(demonstration) // _POSES)
+    away = float(np.median(pair.source_scene.distance(demonstration.positions[::every])))
+    away = float(np.clip(away, camera.min_range_m, camera.max_range_m))
+    half = np.radians(min(camera.hfov_deg, camera.vfov_deg, 120.0)) / 2
+    spacing_m = float(max(_FOOTPRINT * 2 * away * np.tan(half), 0.1))
+    flight, breaks = prepared(demonstration, settings, memo, spacing_m)
     facts, rule = (demonstration.sha256, pair.source.sha256, settings.clouds), settings.viewpoints
     key = content_key(
         "visibility", *facts, grain, settings.visibility, rule.most_poses, settings.refine.method
@@ -220,16 +226,6 @@ def prepared(
     keep = chosen_evenly(len(flight), settings.viewpoints.most_poses)
     starts = np.unique(np.searchsorted(keep, demonstration.breaks))
     return flight.take(keep), starts[(starts > 0) & (starts < len(keep))]
-
-
-def _spacing(demonstration: Demonstration, pair: Pair) -> float:
-    """How far apart stations may be, so that what one shows and the next overlap well, m."""
-    every = max(1, len(demonstration) // _POSES)
-    away = float(np.median(pair.source_scene.distance(demonstration.positions[::every])))
-    camera = demonstration.camera
-    away = float(np.clip(away, camera.min_range_m, camera.max_range_m))
-    half = np.radians(min(camera.hfov_deg, camera.vfov_deg, 120.0)) / 2
-    return float(max(_FOOTPRINT * 2 * away * np.tan(half), 0.1))
 
 
 def nothing_shown(inspection: Inspection, pair: Pair, settings: Settings) -> str:

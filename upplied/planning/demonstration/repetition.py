@@ -19,25 +19,13 @@ from upplied.planning.correspondence.naming import choices_for, side_of
 from upplied.planning.correspondence.never_scanned import without
 from upplied.planning.correspondence.pair import Pair, Task, grained, skin_of
 from upplied.planning.correspondence.registration import declared_for
-from upplied.planning.demonstration.inspection import (
-    Inspection,
-    attended_by,
-    inspect_demonstration,
-)
+from upplied.planning.demonstration.inspection import Inspection, attended_by, inspect_demonstration
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin
-from upplied.records import (
-    Demonstration,
-    Floats,
-    Ints,
-    Record,
-    Structure,
-    SurfaceStates,
-    Trajectory,
-)
-from upplied.records.required import RequiredSurface
+from upplied.records import Demonstration, Floats, Ints, Record, Structure, SurfaceStates, Trajectory
+from upplied.records.plans import RequiredSurface
 
 _MEANT = 0.05  # of attention, from which a sample lies on what was inspected
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
@@ -90,11 +78,8 @@ def _attended(
     if not settings.correspondence.repeat:
         return [first]
     if settings.correspondence.method != "parts":
-        raise SettingsError(
-            "correspondence.repeat",
-            f"was requested with preset {settings.preset!r}",
-            "preset 'recommended' only",
-        )
+        reason = f"was requested with preset {settings.preset!r}"
+        raise SettingsError("correspondence.repeat", reason, "preset 'recommended' only")
     if settings.correspondence.repeat == "each" and _shows_each(first):
         return [first]
     across = about(mirrored(demonstration, pair.source))
@@ -242,21 +227,18 @@ def look_limits(takes: Sequence[Take], rule: InspectionSettings) -> tuple[float,
 
     Those of the settings, unless 95 % of the expert's own looks were within a wider one.
     """
-    attended = [take.inspection.attention for take in takes]
-    sharp = max(_sharp_radps(takes, rule), *(one.motion_radps for one in attended))
+    attended, camera = [take.inspection.attention for take in takes], takes[0].inspection.camera
+    own = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
+    sharp = max(own, *(one.motion_radps for one in attended))
     oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
     return float(sharp), float(np.cos(np.radians(min(oblique, 90.0))))
 
 
 def steady_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
     """How fast the camera may turn, rad/s: while it is sharp, or as the expert did 95 % of the time."""
-    flown = [take.inspection.steps for take in takes]
+    flown, camera = [take.inspection.steps for take in takes], takes[0].inspection.camera
     own = np.concatenate([np.linalg.norm(part.turn, axis=1) for part in flown])
     time = np.concatenate([part.step_s for part in flown])
     usual = weighted_percentile(own, time, USUAL_PCT)
-    return max(_sharp_radps(takes, rule), 0.0 if np.isnan(usual) else usual)
-
-
-def _sharp_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
-    camera = takes[0].inspection.camera
-    return rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
+    sharp = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
+    return max(sharp, 0.0 if np.isnan(usual) else usual)

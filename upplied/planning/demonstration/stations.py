@@ -26,7 +26,6 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
 
     Parameters
     ----------
-    flight : Trajectory
     least_s : float
         Shorter ones are hesitations.
     """
@@ -38,18 +37,12 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
     if usual == 0:
         return []
     legs = leg_lengths(flight.positions)
-    known = [
-        (begin, end)
-        for begin, end in _runs(legs == 0, flight.t_s)
-        if end - begin >= max(_SURE_S, least_s / 2)
-    ]
+    sure_s = max(_SURE_S, least_s / 2)
+    known = [(begin, end) for begin, end in _runs(legs == 0, flight.t_s) if end - begin >= sure_s]
     slow = _runs((speed < STILL * usual)[:-1], times)
     hovers = [(begin, end) for begin, end in slow if not any(begin < b and a < end for a, b in known)]
-    return [
-        (begin, end)
-        for begin, end in sorted(known + hovers)
-        if end - begin >= least_s and begin > flight.t_s[0] and end < flight.t_s[-1]
-    ]
+    some, (first, last) = sorted(known + hovers), flight.t_s[[0, -1]]
+    return [(begin, end) for begin, end in some if end - begin >= least_s and begin > first and end < last]
 
 
 def _runs(marked: Bools, times: Floats) -> list[tuple[float, float]]:
@@ -117,29 +110,21 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     density = np.clip(np.sqrt(bend / (8 * chord)), 1 / spacing, 1 / (_SHORTEST * spacing))
     progress = cumulated(np.hypot(density * step, turned / _TURNED_RAD))
     still = np.flatnonzero(np.concatenate([step < 1e-9, [False]]))
-    ends = [
-        run[[0, -1]] + [0, 1] for run in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(run)
-    ]
-    sharp = places[_peaks(curvature, _CORNER_RAD / (_SHORTEST * spacing))]
-    tips = [np.searchsorted(along, sharp).clip(0, len(flight) - 1)]
+    hovers = np.split(still, np.flatnonzero(np.diff(still) > 1) + 1)
+    ends = [run[[0, -1]] + [0, 1] for run in hovers if len(run)]
+    before, inner, after = curvature[:-2], curvature[1:-1], curvature[2:]
+    sharp = (inner >= before) & (inner > after) & (inner > _CORNER_RAD / (_SHORTEST * spacing))
+    tips = [np.searchsorted(along, places[1:-1][sharp]).clip(0, len(flight) - 1)]
     fixed = np.unique(np.concatenate([[0, len(flight) - 1], *ends, *tips]).astype(np.int64))
-    chosen = [np.zeros(1)]
-    for first, last in itertools.pairwise(fixed):
+    index, chosen = np.arange(float(len(flight))), [np.zeros(1)]
+    for first, last in itertools.pairwise(fixed.tolist()):  # by even steps of progress
         pieces = max(int(np.ceil(progress[last] - progress[first] - 1e-9)), 1)
-        chosen.append(np.interp(*_evenly(progress, int(first), int(last), pieces)))
-    index = np.arange(float(len(flight)))
+        part = progress[first : last + 1] + 1e-12 * np.arange(last - first + 1)
+        even = np.linspace(part[0], part[-1], pieces + 1)[1:]
+        chosen.append(np.interp(even, part, index[first : last + 1]))
     stations = np.concatenate(chosen)
-
-    def there(values: Floats) -> Floats:
-        return interpolated(stations, index, values)
-
-    return Trajectory(np.interp(stations, index, flight.t_s), there(at), looking(there(axes)))
-
-
-def _evenly(progress: Floats, first: int, last: int, pieces: int) -> tuple[Floats, Floats, Floats]:
-    """Even steps of progress between two poses, but for the first; progress, and number, of the poses."""
-    part = progress[first : last + 1] + 1e-12 * np.arange(last - first + 1)
-    return np.linspace(part[0], part[-1], pieces + 1)[1:], part, np.arange(first, last + 1.0)
+    there, facing_ = (interpolated(stations, index, values) for values in (at, axes))
+    return Trajectory(np.interp(stations, index, flight.t_s), there, looking(facing_))
 
 
 def _curvature(at: Floats, along: Floats, apart: float) -> tuple[Floats, Floats]:
@@ -157,12 +142,6 @@ def _curvature(at: Floats, along: Floats, apart: float) -> tuple[Floats, Floats]
     return places, bend
 
 
-def _peaks(values: Floats, least: float) -> Ints:
-    """Where values (K,) are largest among their neighbours and more than `least`."""
-    inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:]) & (values[1:-1] > least)
-    return np.flatnonzero(inner) + 1
-
-
 def find_viewpoints(
     flight: Trajectory, visibility: Visibility, settings: ViewpointSettings, breaks: Ints | None = None
 ) -> Viewpoints:
@@ -177,7 +156,6 @@ def find_viewpoints(
         N poses.
     visibility : Visibility
         What each pose sees, (N, points).
-    settings : ViewpointSettings
     breaks : array of int, optional
         Poses that start a new part after a gap in the log; they always start a segment.
     """

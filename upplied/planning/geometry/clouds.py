@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -45,16 +47,16 @@ def in_source_frame(target: Cloud, registration: Registration) -> Cloud:
 
     Normals are carried as normals, areas as areas.
     """
-    points = registration.to_demo(target.points)
+    moved = replace(target, points=registration.to_demo(target.points))
     if target.normals is None:
-        return Cloud(points, None, target.area_m2, target.part, target.leaf_m, target.open)
+        return moved
     cofactor = np.linalg.det(registration.matrix) * np.linalg.inv(registration.matrix).T
     normals = target.normals @ cofactor.T
     stretch = np.linalg.norm(normals, axis=1)
     area = None if target.area_m2 is None else target.area_m2 * stretch
     # A mirroring turns a surface inside out; the outside stays outside.
     outward = np.sign(np.linalg.det(registration.matrix)) * normals / stretch[:, None]
-    return Cloud(points, outward, area, target.part, target.leaf_m, target.open)
+    return replace(moved, normals=outward, area_m2=area)
 
 
 def nearest_facing(cloud: Cloud, other: Cloud, weight: float) -> tuple[Floats, Ints]:
@@ -70,11 +72,6 @@ def icp(source: Floats, target: Floats, iterations: int) -> tuple[Floats, Floats
     Every source point (N, 3), m, is paired with its nearest target point (M, 3), however far; all iterations
     count. Open3D's ``registration_icp`` with ``ICPConvergenceCriteria(0, 0, iterations)`` gives the same
     motion.
-
-    Returns
-    -------
-    rotation : array, shape (3, 3)
-    translation : array, shape (3,), m
     """
     tree, rotation, translation = cKDTree(target), np.eye(3), np.zeros(3)
     before = None

@@ -36,26 +36,7 @@ def attainable(
     settings: VisibilitySettings,
     farthest_m: Floats | None = None,
 ) -> Bools:
-    """Which samples some allowed camera position sees, the camera turned as it likes.
-
-    Parameters
-    ----------
-    cloud : Cloud
-        N surface samples with normals.
-    airspace : Airspace
-        Safety distance, ground and other limits, and the scene that may hide the sample.
-    camera : Camera
-        Its range counts, its field of view does not.
-    settings : VisibilitySettings
-        Its limit on the incidence.
-    farthest_m : array, shape (N,), m, optional
-        From how far off, at most, each sample is to be seen frontally, and by the cosine of the incidence
-        nearer obliquely; the camera's range where not given.
-
-    Returns
-    -------
-    array of bool, shape (N,)
-    """
+    """Which samples (N,) some allowed position sees, the camera turned as it likes; see `seen_from`."""
     return np.isfinite(seen_from(cloud, airspace, camera, settings, farthest_m)[:, 0])
 
 
@@ -87,8 +68,17 @@ def seen_from(
 
     Parameters
     ----------
-    cloud, airspace, camera, settings, farthest_m
-        As above.
+    cloud : Cloud
+        N surface samples with normals.
+    airspace : Airspace
+        Safety distance, ground and other limits, and the scene that may hide the sample.
+    camera : Camera
+        Its range counts, its field of view does not.
+    settings : VisibilitySettings
+        Its limit on the incidence.
+    farthest_m : array, shape (N,), m, optional
+        From how far off, at most, each sample is to be seen frontally, and by the cosine of the incidence
+        nearer obliquely; the camera's range where not given.
     pitch_deg : tuple, optional
         Least and largest pitch of the look, deg; up is positive.
 
@@ -180,10 +170,8 @@ def _ask_neighbours(
 
 
 def _candidates(max_incidence_deg: float) -> tuple[Floats, Floats, Floats]:
-    """Tilt from the normal, turn around it (rad), and distance, as a share of the way from near to far.
-
-    Likely ones first.
-    """
+    """Tilt from the normal, turn around it (rad), and distance, as a share of the way from near to far."""
+    # Likely ones first.
     ladder = np.roll(np.linspace(0, 1, _DISTANCES), -2)
     limit = np.radians(min(max_incidence_deg, 89.9))
     rows = [(0.0, 0.0, length) for length in ladder]

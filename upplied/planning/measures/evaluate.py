@@ -1,51 +1,48 @@
-"""The measures of one plan, asked of the demonstration and the plan in the same manner."""
+"""The measures of one plan, asked of the demonstration and the plan in the same manner, for every preset.
+
+Two questions come first. `carry.inspected_surface`: which points of the target correspond to what the
+demonstration saw, and for what it was about? `visibility.observations`: which points does a planned path see?
+`measure` compares them, and the paths; `fidelity.shown_of` says what of the inspected surface is shown at
+least as well as the expert did.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from upplied.config import Settings
-from upplied.geometry.polylines import chosen_evenly
-from upplied.geometry.poses import yaw_pitch
-from upplied.geometry.reconstruction import looks_scanned
+from upplied.geometry.polylines import accelerations, chosen_evenly, leg_lengths
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import airspace_of
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.carry.affine import demonstrated_on_target, registered_map, standing
 from upplied.planning.carry.forecast import forecast_of
-from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
-from upplied.planning.carry.standoff import (
-    carried_sight,
-    counted,
-    picture_share,
-)
-from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.never_scanned import NeverScanned
-from upplied.planning.correspondence.pair import Pair
+from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
+from upplied.planning.carry.standoff import carried_sight, counted, picture_share
 from upplied.planning.demonstration.repetition import Take, begins_of
-from upplied.planning.geometry.frechet import frechet, frechet_floored
+from upplied.planning.geometry.clouds import weighted_percentile
+from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.measures.fidelity import Compared, fidelity, resolution
-from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
-from upplied.planning.measures.picture_score import picture_score
-from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
-from upplied.records import (
-    Bools,
-    Camera,
-    Floats,
-    Measures,
-    Structure,
-    SurfaceStates,
-    Trajectory,
+from upplied.planning.measures.fidelity import (
+    Compared,
+    fidelity,
+    inspected_measures,
+    resolution,
+    shown_of,
+    surface_states,
 )
+from upplied.planning.measures.picture_score import picture_score
+from upplied.planning.measures.verdict import by_camera, of_scan, of_surface, too_near
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
+from upplied.records import Bools, Floats, Measures, SurfaceStates, Trajectory
 
+FRECHET = 1e-4  # of the distances of paths, to which they are known: a decision fewer for each half of it
 _KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _VIEWPOINTS = 200  # viewpoints, at most, whose stand-off is asked for
-_ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 
 
 def judge(
@@ -63,61 +60,50 @@ def judge(
     """
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
-    paper = (
-        InspectedSurface.together(
-            [_seen_surface(take, take.pair.voxels, take.inspection.by_frustum, settings) for take in takes]
-        ),
-        views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
-    )
+    paper = _seen(takes, settings, False), views(trajectory, pair.voxels.target, camera, BY_FRUSTUM)
     if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
         measures = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
-        warnings = unmeasured, *_too_near(measures, settings), *_by_camera(measures, takes, settings)
+        warnings = unmeasured, *too_near(measures, settings), *by_camera(measures, takes, settings)
         return measures, None, warnings
-    true = (
-        InspectedSurface.together(
-            [_seen_surface(take, take.pair.surface, take.inspection.truly, settings) for take in takes]
-        ),
-        views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
-    )
+    seen = _seen(takes, settings, True)
+    planned = views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene)
+    # What an allowed pose could see: the plan's own, where they are, or any other.
     airspace = airspace_of(pair, settings)
-    possible = _attainable(true[0], true[1], airspace, camera)
+    allowed = airspace.allowed(planned.stations.positions)
+    possible = np.asarray(planned.seen[allowed].any(axis=0), bool)
+    missed = np.flatnonzero((seen.need > 0) & ~possible)
+    possible[missed] = attainable_beside(missed, seen.cloud, airspace, camera)
+    true = seen, planned
     measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
-    shown = shown_of(true[1], takes, settings)
-    compared = Compared.of(trajectory, true[1], shown.inspected, takes, settings)
+    shown = shown_of(planned, takes, settings)
+    compared = Compared.of(trajectory, planned, shown.inspected, takes, settings)
     measures = replace(
         measures,
-        **inspected_measures(shown, true[1], takes),
+        **inspected_measures(shown, planned, takes),
         **fidelity(compared),
         **resolution(compared),
         **picture_score(compared),
         never_scanned_m2=pair.missing.area_m2,
     )
     if added is not None and not added.all():
-        measures = replace(measures, **_shape_of_demonstrated(trajectory, added, carried, pair, measures))
+        # How far the part of the plan that is carried from the demonstration departs from it.
+        own_at, axes = trajectory.positions[~added], standing(pair)
+        off = {"frechet_demonstrated_m": measures.frechet_m}
+        if added.any():
+            off["frechet_demonstrated_m"] = frechet(carried, own_at, FRECHET)
+            off["frechet_floored"] = frechet_floored(carried @ axes.T, own_at @ axes.T, FRECHET)
+        measures = replace(measures, **off)
     if demonstrated_s is not None:
         own = np.ones(len(trajectory), bool) if added is None or added.all() else ~added
         flown = trajectory.take(own), demonstrated_s[own]
         measures = replace(measures, standoff_kept_pct=_standoff_kept(*flown, takes, settings))
     warnings = (
-        *_warnings(measures, true[0], pair.target, pair.target_scene, settings),
-        *_beyond(pair.missing),
-        *_by_camera(measures, takes, settings),
+        *of_surface(measures, seen, pair.target, pair.target_scene, settings),
+        *of_scan(pair.missing),
+        *by_camera(measures, takes, settings),
     )
     return measures, surface_states(shown), warnings
-
-
-def _shape_of_demonstrated(
-    trajectory: Trajectory, added: Bools, carried: Floats, pair: Pair, measures: Measures
-) -> dict[str, float]:
-    """How far the part of a plan that is carried from the demonstration departs from it."""
-    if not added.any():
-        return {"frechet_demonstrated_m": measures.frechet_m}
-    own, axes = trajectory.positions[~added], standing(pair)
-    return {
-        "frechet_demonstrated_m": frechet(carried, own, FRECHET),
-        "frechet_floored": frechet_floored(carried @ axes.T, own @ axes.T, FRECHET),
-    }
 
 
 def _standoff_kept(
@@ -133,114 +119,110 @@ def _standoff_kept(
         places = np.column_stack(
             [np.interp(seen_at - first + begin, demonstrated_s, axis) for axis in trajectory.positions.T]
         )
-        ratios.append(_standoff_ratios(take, seen_at, places, settings))
+        fit, shown = take.pair.surface, take.inspection.truly
+        index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
+        known = np.flatnonzero(fit.correspondences.target_index >= 0)
+        here, positions = fit.source.points[known], shown.stations.positions[index]
+        weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
+        there, carrier = fit.correspondences.target_points[known], registered_map(fit.registration)
+        rules = settings.transfer, take.inspection.camera, settings.route.clearance_m
+        coarse = None if shown.coarse is None else shown.coarse[index]
+        standoff = counted(positions, weight, here, there, carrier, *rules, coarse)
+        ratio = standoff.distance(places) / standoff.wanted_m
+        ratios.append(ratio[np.isfinite(ratio)])
     off = np.abs(np.concatenate(ratios) - 1)
     return 100 * float(np.mean(off <= _KEPT)) if len(off) else float("nan")
 
 
-def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:
-    """Stand-off at places (V, 3) over that of the demonstration at times (V,), where it saw something."""
-    fit, shown = take.pair.surface, take.inspection.truly
-    index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
-    known = np.flatnonzero(fit.correspondences.target_index >= 0)
-    here, positions = fit.source.points[known], shown.stations.positions[index]
-    weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
-    carrier = registered_map(fit.registration)
-    camera, nearest_m = take.inspection.camera, settings.route.clearance_m
-    there = fit.correspondences.target_points[known]
-    coarse = None if shown.coarse is None else shown.coarse[index]
-    standoff = counted(positions, weight, here, there, carrier, settings.transfer, camera, nearest_m, coarse)
-    ratio = standoff.distance(places) / standoff.wanted_m
-    return ratio[np.isfinite(ratio)]
+def _seen(takes: Sequence[Take], settings: Settings, truly: bool) -> InspectedSurface:
+    """What the takes saw, together: truly, or in the frustum, on the paper's voxel clouds."""
+    parts = []
+    for take in takes:
+        pair, inspection = take.pair, take.inspection
+        fit, shown = (pair.surface, inspection.truly) if truly else (pair.voxels, inspection.by_frustum)
+        sight = carried_sight(registered_map(pair.surface.registration), settings.transfer)
+        parts.append(inspected_surface(fit.source, fit.target, fit.correspondences, shown, sight))
+    return InspectedSurface.together(parts)
 
 
-def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings) -> InspectedSurface:
-    sight = carried_sight(registered_map(take.pair.surface.registration), settings.transfer)
-    return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, sight)
+def measure(
+    planned: Trajectory,
+    carried: Floats,
+    scene: Scene,
+    paper: tuple[InspectedSurface, Views],
+    true: tuple[InspectedSurface, Views] | None = None,
+    attainable: Bools | None = None,
+    standing: Floats | None = None,
+) -> Measures:
+    """Every measure of one planned path.
 
+    Parameters
+    ----------
+    carried : array, shape (K, 3), m, target frame
+        The demonstrated positions after the box transform, turned as the structures are to each
+        other: what the path's shape is compared with.
+    paper : (InspectedSurface, Views)
+        On the voxel clouds with the paper's correspondences, views by `BY_FRUSTUM`.
+    true : (InspectedSurface, Views), optional
+        On surface samples, views by `TRULY`.
+    attainable : array of bool, shape (N,), optional
+        Which of those samples some free pose could see.
+    standing : array, shape (3, 3), optional
+        Turn of the target that makes it stand as the source does: paths are z-scored along its axes.
 
-def _warnings(
-    measures: Measures, seen: InspectedSurface, target: Structure, scene: Scene, settings: Settings
-) -> Iterator[str]:
-    """What a person should know of the target's surface before this plan is flown, in words."""
-    if seen.without_pct >= 1:
-        yield (
-            f"{seen.without_pct:.0f} % of what the demonstration saw has no counterpart on the target: "
-            f"{seen.without:.0f} m2 of the source's surface"
-        )
-    if (short := measures.coverage_attainable_pct - measures.coverage_seen_pct) > 5:
-        yield f"{short:.0f} % of the surface that a camera could see here is not seen"
-    if looks_scanned(target):
-        yield (
-            "the target looks like a reconstruction of a scan and counts as drawn: "
-            "declare surface = 'scanned' in the manifest, or 'drawn' where it was"
-        )
-    known_m, adds = f"{measures.surface_error_m:.2f} m", "the path adds that to the clearance"
-    if target.is_scan and measures.surface_error_m > 0:
-        yield (
-            f"the target is a scan, whose surface is known to {known_m} where it was scanned: {adds}"
-            + _not_held(scene)
-        )
-    elif target.surface_error_m:
-        yield f"the target is known to {known_m}: {adds}"
-    yield from _too_near(measures, settings)
-
-
-def _not_held(scene: Scene) -> str:
-    """What a mesh that was made from a scan cannot hold."""
-    if not scene.thin_m:
-        return ""
-    thick, error = f"{scene.thin_m:.2f} m", f"{scene.thin_error_m:.2f} m"
-    return (
-        f", and {error} where it is thinner than {thick}; what is so thin may be missing from it as a whole: "
-        "antennas, masts, cables"
+    Returns
+    -------
+    Measures
+        `standoff_ratio_p50` compares, sample by sample, the nearest view with the demonstration's;
+        `incidence_p95_deg` takes for each sample its most frontal view.
+    """
+    speed, acceleration = peaks(planned)
+    axes = np.eye(3) if standing is None else standing
+    quality: dict[str, float] = {}
+    if true is not None:
+        # Median of nearest view over the demonstration's, and 95th percentile of the least incidence.
+        inspected, ratio, incidence = true[0], float("nan"), float("nan")
+        near, cosine = true[1].nearest(inspected.cloud.points, inspected.cloud.normals)
+        used = (inspected.need > 0) & np.isfinite(near)
+        if used.any():
+            ratio = weighted_percentile(near[used] / inspected.standoff_m[used], inspected.need[used], 50)
+        if used.any() and inspected.cloud.normals is not None:
+            angle = np.degrees(np.arccos(np.clip(cosine[used], -1, 1)))
+            incidence = weighted_percentile(angle, inspected.need[used], 95)
+        quality = {
+            "coverage_seen_pct": coverage(true[0], true[1].total),
+            "standoff_ratio_p50": ratio,
+            "incidence_p95_deg": incidence,
+        }
+        if attainable is not None:
+            quality["coverage_attainable_pct"] = coverage(true[0], attainable)
+    return Measures(
+        coverage_paper_pct=coverage(paper[0], paper[1].total),
+        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T, FRECHET),
+        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T, FRECHET),
+        frechet_m=frechet(carried, planned.positions, FRECHET),
+        min_clearance_m=path_clearance(scene, planned.positions).distance_m,
+        surface_error_m=scene.error_m,
+        path_length_m=path_length(planned.positions),
+        duration_s=float(planned.t_s[-1] - planned.t_s[0]),
+        peak_speed_mps=speed,
+        peak_acceleration_mps2=acceleration,
+        **quality,
     )
 
 
-def _beyond(missing: NeverScanned) -> Iterator[str]:
-    """That the scan of the target is open, and how much of it is not there."""
-    if len(missing.beyond):
-        yield (
-            f"about {missing.area_m2:.0f} m2 of the target were never scanned: path and transit legs "
-            f"stay clear of where the source has them, known to {missing.error_m:.2f} m where the "
-            "target is shaped as the source is"
-        )
-    if missing.reach_m > 0:
-        yield (
-            f"where the scan ends the target may go on by up to {missing.reach_m:.1f} m more: the path "
-            "stays clear of that as well"
-        )
+def path_length(positions: Floats) -> float:
+    """Length of a polyline, m."""
+    return float(leg_lengths(positions).sum())
 
 
-def _too_near(measures: Measures, settings: Settings) -> Iterator[str]:
-    """That the path does not keep the safety distance."""
-    least_m, reached_m = settings.route.clearance_m, measures.min_clearance_m
-    if reached_m < least_m:
-        yield f"comes within {reached_m:.2f} m of the structure; {least_m:g} m are required"
+def peaks(trajectory: Trajectory) -> tuple[float, float]:
+    """Largest speed (m/s) and acceleration (m/s^2), Euclidean, by differences of the poses.
 
-
-def _by_camera(measures: Measures, takes: Sequence[Take], settings: Settings) -> Iterator[str]:
-    """That the expert's camera looked further up or down than the planned one may, or that pictures smear."""
-    rule, limits, inspection = settings.inspection, settings.retime, takes[0].inspection
-    low, high = np.percentile(np.degrees(yaw_pitch(inspection.flight.quat_xyzw)[1]), [5, 95])
-    least, most = limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg
-    if limits.limits and not (high <= most + _ALMOST_DEG and low >= least - _ALMOST_DEG):
-        yield (
-            f"the demonstration looks from {low:.0f} to {high:.0f} deg of pitch, the plan only from "
-            f"{least:g} to {most:g} (retime.min_gimbal_pitch_deg and max_gimbal_pitch_deg)"
-        )
-    if measures.blur_px_p99 > rule.max_motion_px:
-        yield (
-            f"1 % of what is shown moves by {measures.blur_px_p99:.1f} px or more during an exposure of "
-            f"1/{1 / (inspection.camera.exposure_s or rule.exposure_s):.0f} s, {rule.max_motion_px:g} px is "
-            "sharp (inspection.max_motion_px)"
-        )
-
-
-def _attainable(seen: InspectedSurface, planned: Views, airspace: Airspace, camera: Camera) -> Bools:
-    """Which needed samples (N,) an allowed pose could see: the plan's own, where they are, or any other."""
-    allowed = airspace.allowed(planned.stations.positions)
-    possible = np.asarray(planned.seen[allowed].any(axis=0), bool)
-    missed = np.flatnonzero((seen.need > 0) & ~possible)
-    possible[missed] = attainable_beside(missed, seen.cloud, airspace, camera)
-    return possible
+    The velocity is that of each leg, the acceleration its change from the middle of one leg to the
+    middle of the next: a path flown through a corner without slowing down shows it.
+    """
+    if len(trajectory) < 2:
+        return 0.0, 0.0
+    speed = float((leg_lengths(trajectory.positions) / np.diff(trajectory.t_s)).max())
+    return speed, float(accelerations(trajectory.t_s, trajectory.positions).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""How finely, and how like the demonstration, a plan looks at each patch, and how steadily."""
+"""What a plan shows of what was inspected, how finely, and how like the demonstration, and how steadily."""
 
 from __future__ import annotations
 
@@ -11,13 +11,20 @@ from upplied.config import Settings, focal_px
 from upplied.geometry.polylines import arc_length, interpolated
 from upplied.geometry.poses import angle_between
 from upplied.planning.airspace.detours import airspace_of
-from upplied.planning.carry.inspected_surface import InspectedSurface, demonstrated_looks
+from upplied.planning.carry.inspected_surface import (
+    InspectedSurface,
+    coverage,
+    demonstrated_looks,
+    inspected_by,
+    inspected_surface,
+    target_attention,
+)
 from upplied.planning.demonstration.repetition import Take, begins_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.looks import Looks, sharp_looks, widened
 from upplied.planning.visibility.observations import Moments, Views, moments
-from upplied.records import Floats, Ints, Record, Rows, Trajectory
+from upplied.records import Bools, Floats, Ints, Record, Rows, SurfaceStates, Trajectory
 
 _ORDERED = 2000  # patches, at most, whose order is compared
 _STEADY_RAD = np.radians(3.0)  # turns below this are jitter of the hand
@@ -63,17 +70,15 @@ class Compared(Record):
         limits, steps = look_limits(takes, settings.inspection), moments(plan)
         looks = sharp_looks(steps, seen, inspected.cloud, takes[0].inspection.camera, *limits)
         begins = begins_of([take.inspection.logged for take in takes])
-        patches = [_patches(take, begin, limits) for take, begin in zip(takes, begins, strict=True)]
+        patches = []
+        for take, begin_s in zip(takes, begins, strict=True):
+            fit, target = take.pair.surface, take.pair.surface.correspondences.target_index
+            weight = take.inspection.attention.weight * fit.source.areas
+            chosen = np.flatnonzero((weight > 0) & (target >= 0))
+            shown = demonstrated_looks(take, limits).rows(chosen)
+            shown = replace(shown, time_s=shown.time_s + begin_s)
+            patches.append(Patches(weight[chosen], target[chosen], shown))
         return cls(steps, seen, looks, Patches.stacked(patches), inspected, takes, settings)
-
-
-def _patches(take: Take, begin_s: float, limits: tuple[float, float]) -> Patches:
-    fit = take.pair.surface
-    weight = take.inspection.attention.weight * fit.source.areas
-    target = fit.correspondences.target_index
-    chosen = np.flatnonzero((weight > 0) & (target >= 0))
-    shown = demonstrated_looks(take, limits).rows(chosen)
-    return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
 
 
 def fidelity(of: Compared) -> dict[str, float]:
@@ -87,8 +92,8 @@ def _compared(patches: Patches, looks: Looks, inspected: InspectedSurface) -> di
     weight, at, shown = patches.weight, patches.target, patches.shown
     near, frontal, held = looks.sampled_m[at], looks.frontal[at], looks.held_s[at]
     ratio = inspected.standoff_m[at] / near  # 0 where the plan has no look
-    before = _incidence_deg(shown.frontal)
-    lost = _incidence_deg(frontal) - before
+    # The least incidence, deg; 90 where there is no look.
+    before, after = (np.degrees(np.arccos(np.clip(of, 0.0, 1.0))) for of in (shown.frontal, frontal))
     mine = shown.sides & widened(looks.sides)[at]
     possible = float(weight @ shown.sides.sum(axis=1))
     lasted = shown.held_s > 0
@@ -97,7 +102,7 @@ def _compared(patches: Patches, looks: Looks, inspected: InspectedSurface) -> di
     return {
         "fidelity_resolution_p50": weighted_percentile(ratio, weight, 50),
         "fidelity_resolution_p05": weighted_percentile(ratio, weight, 5),
-        "fidelity_incidence_deg_p95": weighted_percentile(lost, weight, 95),
+        "fidelity_incidence_deg_p95": weighted_percentile(after - before, weight, 95),
         "fidelity_looks_kept_pct": _share(float(weight @ mine.sum(axis=1)), possible),
         "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ held_share), float(weight[lasted].sum())),
         "fidelity_order": order_kept(shown.time_s[both], looks.time_s[at][both]),
@@ -114,20 +119,12 @@ def order_kept(before_s: Floats, after_s: Floats) -> float:
     return float(kendalltau(before_s[chosen], after_s[chosen]).statistic)
 
 
-def _incidence_deg(frontal: Floats) -> Floats:
-    """Least incidence, deg; 90 where there is no look."""
-    return np.degrees(np.arccos(np.clip(frontal, 0.0, 1.0)))
-
-
 def _share(part: float, whole: float) -> float:
     return min(100 * part / whole, 100.0) if whole > 0 else float("nan")
 
 
 def _smoothness(
-    steps: Moments,
-    flown: Sequence[Moments],
-    inspected: InspectedSurface,
-    limit_radps: float,
+    steps: Moments, flown: Sequence[Moments], inspected: InspectedSurface, limit_radps: float
 ) -> dict[str, float]:
     """How much the camera and the path turn, over what the demonstration turned."""
     near = inspected.standoff_m[inspected.need > 0]
@@ -145,10 +142,7 @@ def _smoothness(
 
 
 def turned_rad(quat_xyzw: Floats) -> float:
-    """How far a camera turns in all, rad, without jitter.
-
-    It is followed in steps of at least 3 degrees.
-    """
+    """How far a camera turns in all, rad, followed in steps of at least 3 degrees: without jitter."""
     at, first, total = 0, 1, 0.0
     while first < len(quat_xyzw):
         turn = angle_between(quat_xyzw[at : at + 1], quat_xyzw[first : first + _AHEAD])
@@ -191,29 +185,103 @@ def resolution(of: Compared) -> dict[str, float]:
     focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     exposure = camera.exposure_s or rule.exposure_s
     pixel_mm = 1e3 / focal
+    # As fine as demonstrated, of those that some allowed camera shows so.
+    cloud, target, wanted_m = of.inspected.cloud, patches.target, AS_FINE * theirs
+    fine = now.sampled_m <= wanted_m
+    coarsest = np.zeros(len(cloud))  # of each sample, what the least demanding of its patches asks
+    np.maximum.at(coarsest, target, wanted_m)
+    missed = np.unique(target[~fine])
+    airspace, possible = airspace_of(of.takes[0].pair, of.settings), np.ones(len(cloud), bool)
+    possible[missed] = attainable_beside(missed, cloud, airspace, camera, coarsest)
+    counted = fine | possible[target]
+    whole = float(weight[counted].sum())
+    within = 100 * (1 - float(weight[counted & ~fine].sum()) / whole) if whole > 0 else float("nan")
     return {
         **_percentiles("gsd_demonstrated_mm", theirs * pixel_mm, weight, (50, 95)),
         **_percentiles("gsd_mm", now.sampled_m * pixel_mm, weight, (50, 95)),
-        "gsd_within_pct": _within(of, patches, AS_FINE * theirs),
+        "gsd_within_pct": within,
         **_percentiles("blur_px", now.moved * focal * exposure, weight, (50, 99)),
         **(_percentiles("defocus_px", now.defocus * focal, weight, (95,)) if camera.f_number else {}),
     }
 
 
-def _within(of: Compared, patches: Patches, wanted_m: Floats) -> float:
-    """Share, in percent, of patches as fine as asked, of those that some allowed camera shows so."""
-    take, target, weight, cloud = of.takes[0], patches.target, patches.weight, of.inspected.cloud
-    fine = of.looks.sampled_m[target] <= wanted_m
-    coarsest = np.zeros(len(cloud))  # of each sample, what the least demanding of its patches asks
-    np.maximum.at(coarsest, target, wanted_m)
-    missed = np.unique(target[~fine])
-    airspace, possible = airspace_of(take.pair, of.settings), np.ones(len(cloud), bool)
-    possible[missed] = attainable_beside(missed, cloud, airspace, take.inspection.camera, coarsest)
-    counted = fine | possible[target]
-    whole = float(weight[counted].sum())
-    return 100 * (1 - float(weight[counted & ~fine].sum()) / whole) if whole > 0 else float("nan")
-
-
 def _percentiles(name: str, values: Floats, weight: Floats, percents: tuple[int, ...]) -> dict[str, float]:
     known = np.isfinite(values)
     return {f"{name}_p{p}": weighted_percentile(values[known], weight[known], p) for p in percents}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shown(Record):
+    """The inspected surface on the target, and what became of it."""
+
+    inspected: InspectedSurface
+    as_well: Bools  # (N,) of the target's samples: shown at least as well as is asked
+    never: Bools  # (N,) asked for, and no allowed camera could
+    attention: Floats  # (N,) attention, 0 to 1, of what each target sample corresponds to, asked for or not
+
+
+def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
+    """What a plan shows at least as well as the demonstration, in one look each.
+
+    A look does where it is near enough, frontal enough, and slow enough to be sharp. Target surface that
+    corresponds to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
+    `planned` is what the plan truly sees of the target's surface samples.
+    """
+    pair, rule = takes[0].pair, settings.inspection
+    inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
+    cloud = inspected.cloud
+    attention, like = target_attention(takes, inspected)
+    wanted_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
+    farthest = wanted_m / rule.least_resolution
+    as_well = planned.shown_well(cloud, farthest, *look_limits(takes, rule))
+    missed = np.flatnonzero((inspected.need > 0) & ~as_well)
+    never = np.zeros(len(cloud), bool)
+    camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
+    never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
+    return Shown(inspected, as_well, never, attention)
+
+
+def inspected_measures(shown: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
+    """The coverages of the inspected surface, there and back, and of what else was seen."""
+    inspected, cloud = shown.inspected, shown.inspected.cloud
+    area = cloud.areas
+    attended = area * shown.attention
+    whole = float(attended.sum())
+    rest = [
+        inspected_surface(
+            take.pair.surface.source,
+            take.pair.surface.target,
+            take.pair.surface.correspondences,
+            take.inspection.truly,
+            weight=1 - take.inspection.attention.weight,
+        )
+        for take in takes
+    ]
+    nan = float("nan")
+    return {
+        "coverage_inspected_pct": coverage(inspected, shown.as_well, whole=True),
+        "inspected_without_counterpart_pct": inspected.without_pct,
+        "inspected_unattainable_pct": (
+            100 * float(inspected.need[shown.never].sum()) / inspected.whole if inspected.whole > 0 else nan
+        ),
+        "coverage_of_target_pct": (100 * float(attended[shown.as_well].sum()) / whole if whole > 0 else nan),
+        "coverage_context_pct": coverage(InspectedSurface.together(rest), planned.total),
+    }
+
+
+def surface_states(shown: Shown) -> SurfaceStates:
+    """What became of each sample of the target: other, shown, missed or unattainable.
+
+    Of what is missed as much area counts as the share of the need that is missed, the densest need first:
+    a rim that hardly matters to the coverage does not look like a hole in it.
+    """
+    need, cloud = shown.inspected.need, shown.inspected.cloud
+    well = shown.as_well & ((need > 0) | (shown.attention > 0.5))
+    lost = np.flatnonzero((need > 0) & ~shown.as_well)
+    lost = lost[np.argsort(-need[lost] / cloud.areas[lost], kind="stable")]
+    painted = np.cumsum(cloud.areas[lost])
+    missed = lost[painted * need[well].sum() <= need[lost].sum() * cloud.areas[well].sum()]
+    state = np.zeros(len(need), np.int64)
+    state[well] = 1
+    state[missed] = np.where(shown.never[missed], 3, 2)
+    return SurfaceStates(cloud.points, state, cloud.normals)

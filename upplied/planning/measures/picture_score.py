@@ -14,8 +14,7 @@ from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
 from upplied.planning.measures.fidelity import Compared
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, Moments, Views, rates, stations_at
 from upplied.records import Bools, Camera, Cloud, Floats, Photos, Trajectory
@@ -62,13 +61,10 @@ def picture_worth(
         K pictures.
     seen : array of bool, shape (K, N)
         ``q_seen``.
-    cloud : Cloud
-        With normals.
     desired_m : array, shape (N,)
         Metres a pixel, that are enough.
     pixel : array, shape (K,)
         Tangent of the angle of the middle pixel.
-    exposure_s : float
     """
     axes = np.ascontiguousarray(matrices(steps.poses.quat_xyzw).transpose(0, 2, 1))
     moving = steps.poses.positions, axes, steps.velocity, steps.turn
@@ -123,19 +119,9 @@ def _dot(one: Floats, other: Floats) -> float:  # pragma: no cover - compiled
 def photos_of(
     path: Trajectory, photo: Bools, cloud: Cloud, camera: Camera, scene: Scene, rule: InspectionSettings
 ) -> Photos:
-    """What each photo of a path shows of some surface samples, how finely and how sharply.
+    """What each photo (N,) of a path of N poses shows of some surface samples, how finely and how sharply.
 
-    Parameters
-    ----------
-    path : Trajectory
-        N poses.
-    photo : array of bool, shape (N,)
-    cloud : Cloud
-        Surface samples with normals.
-    camera : Camera
-    scene : Scene
-    rule : InspectionSettings
-        The limits of a look that counts, and what is assumed of a camera.
+    The samples have normals; `rule` limits the looks that count, and says what is assumed of a camera.
     """
     taken = path.take(photo)
     velocity, turn = (of[photo] for of in rates(path))

@@ -69,7 +69,20 @@ def floor_of(structure: Structure) -> Floor:
     """The lid at the foot of a mesh, found by cutting it there and filling what the cut encloses."""
     low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
     z = float(low[2] + LEAST_PART * (high[2] - low[2]))
-    first, last = _cut(structure, z)
+    # Both ends of the segments in which the triangles meet the plane at that height.
+    above = structure.vertices[:, 2] > z
+    corner_above = above[structure.triangles]
+    crossing = corner_above.any(axis=1) & ~corner_above.all(axis=1)
+    triangles, state = structure.triangles[crossing], corner_above[crossing]
+    # The corner that lies alone on its side is an end of both edges that cross the plane.
+    alone = np.where(state.sum(axis=1) == 1, state.argmax(axis=1), (~state).argmax(axis=1))
+    rows, ends = np.arange(len(triangles)), []
+    apex = structure.vertices[triangles[rows, alone]]
+    for step in (1, 2):
+        other = structure.vertices[triangles[rows, (alone + step) % 3]]
+        share = (z - apex[:, 2]) / (other[:, 2] - apex[:, 2])
+        ends.append((apex + share[:, None] * (other - apex))[:, :2])
+    first, last = ends
     size = (high - low)[:2]
     cell = float(size.max()) / _CELLS
     if not len(first) or cell <= 0:
@@ -86,24 +99,6 @@ def floor_of(structure: Structure) -> Floor:
     wall = np.zeros(shape, bool)
     wall[index[:, 0], index[:, 1]] = True
     return Floor(z, corner, cell, ndimage.binary_fill_holes(wall))
-
-
-def _cut(structure: Structure, z: float) -> tuple[Floats, Floats]:
-    """Both ends (S, 2) of the segments in which the triangles meet the plane at height `z`."""
-    above = structure.vertices[:, 2] > z
-    corner_above = above[structure.triangles]
-    crossing = corner_above.any(axis=1) & ~corner_above.all(axis=1)
-    triangles, state = structure.triangles[crossing], corner_above[crossing]
-    # The corner that lies alone on its side is an end of both edges that cross the plane.
-    alone = np.where(state.sum(axis=1) == 1, state.argmax(axis=1), (~state).argmax(axis=1))
-    rows = np.arange(len(triangles))
-    apex = structure.vertices[triangles[rows, alone]]
-    ends = []
-    for step in (1, 2):
-        other = structure.vertices[triangles[rows, (alone + step) % 3]]
-        share = (z - apex[:, 2]) / (other[:, 2] - apex[:, 2])
-        ends.append((apex + share[:, None] * (other - apex))[:, :2])
-    return ends[0], ends[1]
 
 
 def lets_out(

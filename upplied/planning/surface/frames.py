@@ -64,26 +64,29 @@ def own_frame(structure: Structure) -> Frame:
     of no consequence, but must turn with the structure. A round structure, whose walls tell no heading, has
     one from these alone.
     """
-    return structure.derived("own frame", lambda: _own_frame(structure))
 
+    def own() -> Frame:
+        middle = centre(structure) * [1.0, 1.0, 0.0]
+        walls, order = _wall_heading(structure), _leaning(structure)
+        if walls is None:
+            return Frame(order, middle)
+        heading = walls + np.round((order - walls - _OFF) / (np.pi / 2)) * np.pi / 2
+        return Frame(float(wrapped(np.asarray(heading))), middle)
 
-def _own_frame(structure: Structure) -> Frame:
-    middle = centre(structure) * [1.0, 1.0, 0.0]
-    walls, order = _wall_heading(structure), _leaning(structure)
-    if walls is None:
-        return Frame(order, middle)
-    quarters = np.round((order - walls - _OFF) / (np.pi / 2))
-    heading = walls + quarters * np.pi / 2
-    return Frame(float(wrapped(np.asarray(heading))), middle)
+    return structure.derived("own frame", own)
 
 
 def _wall_heading(structure: Structure) -> float | None:
-    """Heading that walls face, modulo a right angle: -45 to 45 deg, rad; None where they face all ways.
-
-    The mean of the fourth powers of the horizontal normals, as complex numbers, weighted with the area
-    seen from the side, and of the squared mean of their squares.
-    """
-    facing = _facing(structure)
+    """Heading that walls face, modulo a right angle: -45 to 45 deg, rad; None where they face all ways."""
+    # The mean of the fourth powers of the horizontal normals, as complex numbers, weighted with the area seen
+    # from the side, and of the squared mean of their squares.
+    if len(structure.triangles):
+        normal = area_vectors(structure.vertices[structure.triangles])
+    elif structure.normals is not None:
+        normal = structure.normals
+    else:  # as long as the area; of points that have none, their offsets
+        normal = structure.vertices - structure.vertices.mean(axis=0)
+    facing = normal[:, 0] + 1j * normal[:, 1]
     size = np.abs(facing)
     if not size.sum() > 0:
         return None
@@ -93,20 +96,9 @@ def _wall_heading(structure: Structure) -> float | None:
     return float(np.angle(mean) / 4) if abs(mean) > _ROUND else None
 
 
-def _facing(structure: Structure) -> np.ndarray:
-    """Horizontal normals as complex numbers, as long as the area; of points that have none, their offsets."""
-    if len(structure.triangles):
-        corners = structure.vertices[structure.triangles]
-        normal = area_vectors(corners)
-    elif structure.normals is not None:
-        normal = structure.normals
-    else:
-        normal = structure.vertices - structure.vertices.mean(axis=0)
-    return np.asarray(normal[:, 0] + 1j * normal[:, 1])
-
-
 def _leaning(structure: Structure) -> float:
     """A direction (rad) in which the surface reaches farther out, however its triangles are divided."""
+    # Else one that the numbering of the vertices gives: a sum of offsets with uneven weights.
     if len(structure.triangles):
         middles, size = structure.vertices[structure.triangles].mean(axis=1), triangle_areas(structure)
         offset = middles - centre(structure)
@@ -115,11 +107,6 @@ def _leaning(structure: Structure) -> float:
         towards = (size * np.abs(out) ** 2 * out).sum()
         if abs(towards) > _ROUND * cubes.sum():
             return float(np.angle(towards))
-    return _vertex_heading(structure)
-
-
-def _vertex_heading(structure: Structure) -> float:
-    """A direction (rad) that the numbering of the vertices gives: a sum of offsets with uneven weights."""
     offset = structure.vertices[:, :2] - structure.vertices[:, :2].mean(axis=0)
     weight = (np.arange(len(offset)) * (np.sqrt(5) - 1) / 2) % 1 - 0.5
     along = weight @ offset
@@ -177,44 +164,36 @@ def in_declared(frame: Frame, record: R | None) -> R | None:
 
 def _moved(record: R, place: Callable[[Floats], Floats], turn: Floats, heading_rad: float) -> R:
     """A record with its points, its directions (by `turn` from the right) and its orientations moved."""
+    about = Rotation.from_euler("z", heading_rad)
     moves = {
         "points": place,
         "positions": place,
         "normals": lambda directions: directions @ turn,
         "corner": lambda directions: directions @ turn,
-        "quat_xyzw": lambda quats: _turned_quats(quats, heading_rad),
+        "quat_xyzw": lambda quats: normalised((about * Rotation.from_quat(quats)).as_quat()),
     }
     values = {item.name: getattr(record, item.name) for item in fields(record) if item.name in moves}
-    return replace(
-        record, **{name: moves[name](value) for name, value in values.items() if value is not None}
-    )
+    moved = {name: moves[name](value) for name, value in values.items() if value is not None}
+    return replace(record, **moved)
 
 
 def registration_from(here: Frame, there: Frame, registration: Registration | None) -> Registration | None:
     """A registration of two structures in other frames, `here` of the source, as one of the declared ones."""
     if registration is None or here is there is DECLARED:
         return registration
-    words = named_axes(here)
-    translation = here.to_declared(
-        registration.translation - registration.matrix @ (there.turn.T @ there.origin_m)
-    )
+    words, origin = named_axes(here), there.turn.T @ there.origin_m
     return replace(
         registration,
         scale=np.abs(words) @ registration.scale,
         rotation=here.turn @ registration.rotation @ words.T,
         turn=words @ registration.turn @ there.turn.T,
-        translation=translation,
+        translation=here.to_declared(registration.translation - registration.matrix @ origin),
     )
 
 
 def named_axes(frame: Frame) -> Floats:
     """Quarter turns (3, 3) from a frame to the axes that words mean: +X front, +Y left, as declared."""
     return np.round(Frame(np.round(frame.heading_rad / (np.pi / 2)) * np.pi / 2).turn)
-
-
-def _turned_quats(quat_xyzw: Floats, heading_rad: float) -> Floats:
-    turn = Rotation.from_euler("z", heading_rad)
-    return normalised((turn * Rotation.from_quat(quat_xyzw)).as_quat())
 
 
 def _on_grid(points: Floats) -> Floats:

@@ -1,9 +1,8 @@
 """Parts of a structure: engines, blades, decks, from the pieces that its mesh is made of.
 
-Real meshes come in a hundred pieces and more, cut where it suited the modeller. Small pieces join
-their neighbours and pieces of one compact body (the front and the rear of a nacelle) each other.
-What pieces there are then is only a proposal: `correspondence.part_assignment` accepts a part where
-the other structure has one like it.
+Real meshes come in a hundred pieces and more, cut where it suited the modeller. Small pieces join their
+neighbours and pieces of one compact body each other. What there is then is only a proposal:
+`correspondence.part_assignment` accepts a part where the other structure has one like it.
 """
 
 from __future__ import annotations
@@ -11,13 +10,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import LEAST_PART, MAJORITY, SAME_FACE, SAME_SIZE, SLENDER, TOLERANCE
+from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, SAME_FACE, SAME_SIZE, SLENDER, TOLERANCE
 from upplied.planning.geometry.clouds import spacing
-from upplied.planning.surface.pieces import CONTACT, contacts_of, corners_of, near_others
-from upplied.records import Bools, Cloud, Floats, Ints, Record
+from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
+_WELDED_M = 5e-3  # what is nearer was drawn as one place: no structure has joints as narrow
+_WELDS = 8  # vertices, at most, to which one is welded
+_SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
+_MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
+_LEAST_SAMPLES = 6
+CONTACT = 0.015  # of the diagonal: pieces this close touch, and a surface lies on its mirror image
+_TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
 _MIRRORED = 0.8  # share of the samples whose mirror images lie on the surface, if it is its own mirror image
 _CONTINUED = 0.3  # share of the near pairs that face the same way, by which a skin is continued
 
@@ -48,16 +55,14 @@ class Parts(Record):
         """The same parts in axes turned by right angles, ``p' = quarters @ p``; about the vertical."""
         ends = self.low @ quarters.T, self.high @ quarters.T
         axis = np.abs(quarters[:2, :2]).argmax(axis=1)
-        sign = quarters[[0, 1], axis]
-        side = self.side[:, axis] * sign
+        side = self.side[:, axis] * quarters[[0, 1], axis]
         return replace(self, low=np.minimum(*ends), high=np.maximum(*ends), side=side)
 
     @property
     def box(self) -> Floats:
         """(2, 3) m, corners of the box in which places are named: the structure's."""
-        if self.registered is not None:
-            return self.registered
-        return np.stack([self.low.min(axis=0), self.high.max(axis=0)])
+        own = np.stack([self.low.min(axis=0), self.high.max(axis=0)])
+        return own if self.registered is None else self.registered
 
     def on(self, source: Parts) -> Parts:
         """The same parts, registered on a source: what was never scanned of them shifts no middle."""
@@ -85,14 +90,14 @@ def _measured(cloud: Cloud) -> Parts:
     number = int(label.max()) + 1
     low, high = corners_of(points, label)
     side = sides(low, high, points.min(axis=0), points.max(axis=0))
-    pairs = near_others(points, label)
+    near, pairs = contacts_of(points, label)
     share = np.bincount(label, weights=area) / area.sum()
     extent = np.array([extent_of(points[label == part]) for part in range(number)])
     return Parts(
         low=low,
         high=high,
         area=share,
-        touching=contacts_of(pairs, label)[0] > 0,
+        touching=near > 0,
         body=_bodies(cloud, label, pairs),
         extent=extent,
         side=np.where(_mirrored(cloud, label, area), side, np.nan),
@@ -157,10 +162,8 @@ def mirror_images(parts: Parts, axis: int) -> Ints:
     low, high = parts.low.copy(), parts.high.copy()
     whole = parts.low.min(axis=0), parts.high.max(axis=0)
     low[:, axis], high[:, axis] = (whole[0] + whole[1])[axis] - np.stack([high[:, axis], low[:, axis]])
-    off = np.abs(
-        np.concatenate([low, high], axis=1)[:, None] - np.concatenate([parts.low, parts.high], axis=1)
-    )
-    off = off.max(axis=2)
+    own = np.concatenate([parts.low, parts.high], axis=1)
+    off = np.abs(np.concatenate([low, high], axis=1)[:, None] - own).max(axis=2)
     near = off.min(axis=1) < CONTACT * np.linalg.norm(whole[1] - whole[0])
     return np.where(near & np.isfinite(parts.side[:, axis]), off.argmin(axis=1), -1)
 
@@ -197,3 +200,92 @@ def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
     alike = pairs[np.einsum("ij,ij->i", one, other) > SAME_FACE]
     near, continued = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
     return (np.linalg.norm(facing, axis=1) < (1 - MAJORITY) * count) | (continued <= _CONTINUED * near)
+
+
+def mesh_pieces(structure: Structure) -> Ints:
+    """The connected piece of each triangle (T,); vertices that lie within `_WELDED_M` are one."""
+    places, corners = np.unique(structure.vertices, axis=0, return_inverse=True)
+    triangles = corners.reshape(-1)[structure.triangles]
+    near = cKDTree(places).query(places, k=min(_WELDS + 1, len(places)), distance_upper_bound=_WELDED_M)[1]
+    near = near.reshape(len(places), -1)
+    one, other = np.nonzero(near < len(places))
+    edges = np.concatenate([triangles[:, :2], triangles[:, 1:], np.column_stack([one, near[one, other]])])
+    graph = coo_matrix((np.ones(len(edges), bool), tuple(edges.T)), shape=(len(places),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1][triangles[:, 0]], np.int64)
+
+
+def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
+    """The part (N,) of each sample, from the mesh's piece it lies on; 0 has the largest area.
+
+    Pieces of one compact body become one: the halves of a nacelle, and its pylon. The piece with more surface
+    first, and the pieces that touch it most; one that makes it wider along two axes, a flap beside the
+    nacelle, is another body.
+    """
+    label = joined_small(points, area, piece)
+    number = int(label.max()) + 1
+    if number < 3:
+        return by_size(area, label)
+    most = COMPACT * np.linalg.norm(np.ptp(points, axis=0))
+    low, high = corners_of(points, label)
+    size, count = np.bincount(label, weights=area), np.bincount(label)
+    near = contacts_of(points, label)[0]
+    of_smaller = near / np.minimum(count[:, None], count[None, :])
+    touching = np.maximum(of_smaller, of_smaller.T)  # both ways: the smaller one's share counts
+    body, compact = np.arange(number), (high - low).max(axis=1) < most
+    for one in np.argsort(-size, kind="stable"):
+        if not compact[one] or body[one] != one:
+            continue
+        for other in np.argsort(-touching[one], kind="stable"):
+            if other == one or not compact[other] or body[other] != other or touching[one, other] < _TOUCHING:
+                continue
+            both = np.minimum(low[one], low[other]), np.maximum(high[one], high[other])
+            wider = (both[1] - both[0]) > SAME_SIZE * (high[one] - low[one])
+            if wider.sum() <= 1 and (both[1] - both[0]).max() < most:
+                body[other] = one
+                low[one], high[one] = both
+    return by_size(area, np.unique(body[label], return_inverse=True)[1].reshape(-1))
+
+
+def by_size(area: Floats, label: Ints) -> Ints:
+    """The same parts (N,), numbered from the one with the largest area."""
+    size = np.bincount(label, weights=area)
+    rank = np.empty(len(size), np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    return rank[label]
+
+
+def corners_of(points: Floats, label: Ints) -> tuple[Floats, Floats]:
+    """Lower and upper corners (K, 3) of the boxes of labelled points; every label up to K - 1 has some."""
+    order = np.argsort(label, kind="stable")
+    first = np.searchsorted(label[order], np.arange(int(label.max()) + 1))
+    points = points[order]
+    return np.minimum.reduceat(points, first, axis=0), np.maximum.reduceat(points, first, axis=0)
+
+
+def joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
+    """Parts (N,), 0 .. K - 1, where those that are too small to be one joined what lies nearest to them."""
+    label = np.unique(label, return_inverse=True)[1].reshape(-1)
+    share = np.bincount(label, weights=area) / area.sum()
+    keep = share >= _SMALLEST if len(share) > _MANY else np.bincount(label) >= _LEAST_SAMPLES
+    large = keep[label]
+    if large.all() or not large.any():
+        return label
+    nearest = label[large][cKDTree(points[large]).query(points[~large])[1]]
+    joined = label.copy()
+    for piece in np.flatnonzero(~keep):
+        mine = label[~large] == piece
+        if mine.any():
+            joined[label == piece] = np.bincount(nearest[mine]).argmax()
+    return np.unique(joined, return_inverse=True)[1].reshape(-1)
+
+
+def contacts_of(points: Floats, label: Ints) -> tuple[Ints, Ints]:
+    """How many samples of each part (row) come near each other part (column), and these pairs (P, 2)."""
+    reach = CONTACT * np.linalg.norm(np.ptp(points, axis=0))
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    pairs, number = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]], int(label.max()) + 1
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    sample_and_part = np.unique(both[:, 0] * number + label[both[:, 1]])
+    owner, other = label[sample_and_part // number], sample_and_part % number
+    near = np.bincount(owner * number + other, minlength=number * number)
+    return near.reshape(number, number), pairs

@@ -29,10 +29,9 @@ from upplied.planning.surface.escape import (
     lets_out,
     shows_inside,
 )
-from upplied.planning.surface.lattice import Lattice, lattice, spacing_for
-from upplied.planning.surface.pieces import mesh_pieces, part_labels
+from upplied.planning.surface.lattice import Lattice, lattice, shares, spacing_for, thin
+from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.skin import outside_like, outward_of_points
-from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 
 _AREA = 9  # points, each with its nearest, whose circle tells the area that a point stands for
@@ -50,10 +49,8 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
 
     Parameters
     ----------
-    structure : Structure
     scene : Scene
         Of the same structure.
-    settings : CloudSettings
 
     Returns
     -------
@@ -62,26 +59,30 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
         the outside area; `part` (N,), 0 the largest; `open` (N,) of a scan. Every beginning of
         them is spread evenly (`surface.lattice`).
     """
-    sampled = _from_triangles if len(structure.triangles) else _from_points
-    cloud = sampled(structure, scene, settings)
-    if not structure.is_scan:
-        return cloud
-    return replace(cloud, open=shows_inside(structure, scene, cloud))
-
-
-def _from_triangles(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
-    floor, piece = floor_of(structure), mesh_pieces(structure)
-    wanted = _SPARE * settings.surface_samples
-    spacing = spacing_for(structure, float(triangle_areas(structure).sum()), wanted / _SPARE)
-    few = lattice(structure, spacing)
-    # A hidden inside takes some of them: so many more are needed.
-    seen = _outside(few, piece, structure, scene, floor)[0]
-    outside = float(few.area[seen].sum())
-    lines = lattice(structure, spacing_for(structure, outside, wanted))
-    index, normals = _outside(lines, piece, structure, scene, floor)
-    chosen = np.flatnonzero(lines.coarse[index])
-    points, area = lines.points[index], lines.area[index]
-    return _standing_for(points, normals, area, piece[lines.triangle[index]], chosen)
+    if len(structure.triangles):
+        floor, pieces = floor_of(structure), mesh_pieces(structure)
+        wanted = _SPARE * settings.surface_samples
+        spacing_m = spacing_for(structure, float(triangle_areas(structure).sum()), wanted / _SPARE)
+        few = lattice(structure, spacing_m)
+        # A hidden inside takes some of them: so many more are needed.
+        outside = float(few.area[_outside(few, pieces, structure, scene, floor)[0]].sum())
+        lines = lattice(structure, spacing_for(structure, outside, wanted))
+        index, normals = _outside(lines, pieces, structure, scene, floor)
+        chosen = np.flatnonzero(lines.coarse[index])
+        points, area, piece = lines.points[index], lines.area[index], pieces[lines.triangle[index]]
+    else:  # of the points that its discs lie at, thinned
+        points, normals, area = _of_discs(structure, scene)
+        piece = np.zeros(len(points), np.int64)
+        chosen = thin(points, normals, settings.surface_samples, float(area.sum()))
+        # So that every beginning of them is spread evenly.
+        chosen = np.random.default_rng(0).permutation(chosen)
+    # The chosen candidates stand for all, but those that lie where another one does.
+    share = shares(points, normals, area, chosen)
+    chosen, share = chosen[share > 0], share[share > 0]
+    # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
+    part = part_labels(points, area, piece)[chosen]
+    cloud = Cloud(points[chosen], normals[chosen], share, part)
+    return replace(cloud, open=shows_inside(structure, scene, cloud)) if structure.is_scan else cloud
 
 
 def _outside(
@@ -97,7 +98,12 @@ def _outside(
         # Copies of a face lie at one place: only the one that a ray from outside meets first counts.
         hit = scene.cast(points + sign * gap * normals, -sign * normals)[1]
         mine = np.flatnonzero(hit == triangle)
-        starts = _above_floor(points[mine] + sign * gap * normals[mine], scene, floor)
+        starts = points[mine] + sign * gap * normals[mine]
+        # From inside an open bottom rays start at the height that closes it.
+        under = np.flatnonzero(floor.beneath(starts))
+        lifted = starts[under]
+        lifted[:, 2] = floor.z_m
+        starts[under[~scene.occluded(starts[under], lifted)], 2] = np.nextafter(floor.z_m, np.inf)
         free = lets_out(starts, sign * normals[mine], 2 * structure.diagonal_m, scene, floor)
         owner.append(mine[free])
         side.append(np.full(len(owner[-1]), sign))
@@ -109,46 +115,20 @@ def _outside(
     return index, sign_of[:, None] * normals[index]
 
 
-def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
-    """The same points, but those inside an open bottom are lifted to the height that closes it."""
-    under = np.flatnonzero(floor.beneath(origins))
-    lifted = origins[under].copy()
-    lifted[:, 2] = floor.z_m
-    inside = ~scene.occluded(origins[under], lifted)
-    starts = origins.copy()
-    starts[under[inside], 2] = np.nextafter(floor.z_m, np.inf)
-    return starts
-
-
-def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, chosen: Ints) -> Cloud:
-    """The chosen candidates, which stand for all, but those that lie where another one does."""
-    share = shares(points, normals, area, chosen)
-    chosen, share = chosen[share > 0], share[share > 0]
-    # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
-    return Cloud(points[chosen], normals[chosen], share, part_labels(points, area, piece)[chosen])
-
-
-def _thinned(points: Floats, normals: Floats, area: Floats, number: int) -> Cloud:
-    chosen = thin(points, normals, number, float(area.sum()))
-    chosen = np.random.default_rng(0).permutation(chosen)  # so that every beginning of them is spread evenly
-    return _standing_for(points, normals, area, np.zeros(len(points), np.int64), chosen)
-
-
-def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
-    """Samples of a structure given as a point cloud: of the points that its discs lie at, thinned."""
+def _of_discs(structure: Structure, scene: Scene) -> tuple[Floats, Floats, Floats]:
+    """The points that the discs of a point cloud lie at and that are seen, their normals and areas."""
     discs = discs_of(structure)
-    points, distance, neighbours = discs.points, discs.away[:, :_AREA], discs.nearest[:, :_AREA]
+    points, normals, distance = discs.points, discs.normals, discs.away[:, :_AREA]
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
-    if structure.normals is not None:
-        return _thinned(points, discs.normals, area, settings.surface_samples)
-    normals = plane_normals(points, neighbours)
-    gap = float(np.median(distance[:, 1]))
-    reach = 2 * structure.diagonal_m
-    ahead = escapes(points + gap * normals, normals, reach, scene)
-    behind = escapes(points - gap * normals, -normals, reach, scene)
-    outward = np.where((behind > ahead)[:, None], -normals, normals)
-    seen: Bools = np.maximum(ahead, behind) >= ESCAPE
-    return _thinned(points[seen], outward[seen], area[seen], settings.surface_samples)
+    if structure.normals is None:
+        normals = plane_normals(points, discs.nearest[:, :_AREA])
+        gap, reach = float(np.median(distance[:, 1])), 2 * structure.diagonal_m
+        ahead = escapes(points + gap * normals, normals, reach, scene)
+        behind = escapes(points - gap * normals, -normals, reach, scene)
+        outward = np.where((behind > ahead)[:, None], -normals, normals)
+        seen: Bools = np.maximum(ahead, behind) >= ESCAPE
+        points, normals, area = points[seen], outward[seen], area[seen]
+    return points, normals, area
 
 
 def beside(cloud: Cloud, region: Bools) -> Bools:
@@ -207,26 +187,21 @@ def _on_mesh(
     structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: float
 ) -> tuple[Floats, Floats, Ints, Floats, Ints]:
     """Candidates in a region of a mesh: points, outward normals, the even sample of each, area; some kept."""
-    near, tree, reach_m = _near(structure, cloud, region), cKDTree(cloud.points[region]), spacing(cloud)
+    tree, reach_m = cKDTree(cloud.points[region]), _CLOSE * spacing(cloud)
+    corners = structure.vertices[structure.triangles]
+    middle = corners.mean(axis=1)
+    reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1) + reach_m
+    near = np.flatnonzero(tree.query(middle, distance_upper_bound=float(reach.max()))[0] <= reach)
     # No fewer than asked for: the next narrower of the spacings.
     spacing_m = spacing_for(structure, float(cloud.areas[region].sum()), _SPARE * number * 2**0.25)
     lines = lattice(structure, spacing_m, near)
-    close = np.flatnonzero(np.isfinite(tree.query(lines.points, distance_upper_bound=_CLOSE * reach_m)[0]))
+    close = np.flatnonzero(np.isfinite(tree.query(lines.points, distance_upper_bound=reach_m)[0]))
     points, triangle = lines.points[close], lines.triangle[close]
     index, outward, like = outside_like(points, triangle, structure, scene, cloud)
     mine = region[like]
     index, outward, like = index[mine], outward[mine], like[mine]
     chosen = close[index]
     return points[index], outward, like, lines.area[chosen], np.flatnonzero(lines.coarse[chosen])
-
-
-def _near(structure: Structure, cloud: Cloud, region: Bools) -> Ints:
-    """The triangles that may lie in a region."""
-    corners = structure.vertices[structure.triangles]
-    middle = corners.mean(axis=1)
-    reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1) + _CLOSE * spacing(cloud)
-    away = cKDTree(cloud.points[region]).query(middle, distance_upper_bound=float(reach.max()))[0]
-    return np.flatnonzero(away <= reach)
 
 
 def _of_points(

@@ -21,7 +21,7 @@ from upplied.geometry.vectors import area_vectors, plane_normals, triangle_areas
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.escape import floor_of, lets_out
 from upplied.planning.surface.lattice import lattice, spacing_for
-from upplied.planning.surface.pieces import mesh_pieces
+from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
 _FINE = 40_000  # samples that are joined
@@ -71,23 +71,22 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud) -> PartLabels:
 
 def skin_study(structure: Structure, scene: Scene, cloud: Cloud) -> Skin:
     """The skin of a structure, of which the N samples with normals of `cloud` say what is outside."""
-    points, normals, piece = _fine_samples(structure, scene, cloud)
+    if len(structure.triangles):
+        lines = lattice(structure, spacing_for(structure, float(cloud.areas.sum()), _FINE))
+        index, normals, _ = outside_like(lines.points, lines.triangle, structure, scene, cloud)
+        piece, area = mesh_pieces(structure), triangle_areas(structure)
+        share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
+        known = np.where(share[piece] >= FRAGMENT, piece, -1)  # borders of triangle soup mean nothing
+        points, piece = lines.points[index], known[lines.triangle[index]]
+    else:
+        index = np.sort(np.random.default_rng(0).permutation(len(structure.vertices))[:_FINE])
+        points, normals = structure.vertices[index], outward_of_points(structure, index, cloud)
+        piece = np.full(len(index), -1)
     if len(points) < 2 / FRAGMENT:
         nothing = np.empty((0, 3))
         return Skin(nothing, nothing, np.zeros((len(_NECKS), 0), np.int64), 0.0)
     spacing = float(np.sqrt(cloud.areas.sum() / len(points)))
     return Skin(points, normals, _joined(points, normals, piece, spacing), spacing)
-
-
-def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud) -> tuple[Floats, Floats, Ints]:
-    """Points and outward normals (F, 3) on the outside, and the mesh piece (F,) of each, -1 unknown."""
-    if not len(structure.triangles):
-        chosen = np.sort(np.random.default_rng(0).permutation(len(structure.vertices))[:_FINE])
-        outward = outward_of_points(structure, chosen, cloud)
-        return structure.vertices[chosen], outward, np.full(len(chosen), -1)
-    lines = lattice(structure, spacing_for(structure, float(cloud.areas.sum()), _FINE))
-    index, outward, _ = outside_like(lines.points, lines.triangle, structure, scene, cloud)
-    return lines.points[index], outward, _known_pieces(structure)[lines.triangle[index]]
 
 
 def outside_like(
@@ -126,14 +125,6 @@ def outward_of_points(structure: Structure, chosen: Ints, cloud: Cloud) -> Float
     return np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
 
 
-def _known_pieces(structure: Structure) -> Ints:
-    """The mesh piece of each triangle, -1 on fragments: borders of triangle soup mean nothing."""
-    piece = mesh_pieces(structure)
-    area = triangle_areas(structure)
-    share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
-    return np.where(share[piece] >= FRAGMENT, piece, -1)
-
-
 def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Ints:
     """The part (J, F) of each fine sample, for each width of a neck."""
     number = len(points)
@@ -142,8 +133,15 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     goes_on = length > 0
     rim: Bools = np.bincount(pairs[~goes_on].reshape(-1), minlength=number) > 0
     pairs, length = pairs[goes_on], length[goes_on]
-    depth, place = _from_rim(pairs, length, rim), with_normals(points, normals, TOUCH * spacing)
-    labels, pairs = np.zeros((len(_NECKS), number), np.int64), _by_width(pairs, depth)
+    depth = np.full(number, np.inf)  # distance from the nearest rim along the skin, m
+    if rim.any():
+        graph = coo_matrix((length, pairs.T), (number, number)).tocsr()
+        depth = dijkstra(graph, directed=False, indices=np.flatnonzero(rim), min_only=True)
+    # The widest ways first: a way is as wide as its shallower end.
+    rank = np.empty(number, np.int64)
+    rank[np.argsort(-depth, kind="stable")] = np.arange(number)
+    pairs = pairs[np.argsort(rank[pairs].max(axis=1), kind="stable")]
+    place, labels = with_normals(points, normals, TOUCH * spacing), np.zeros((len(_NECKS), number), np.int64)
     for label, neck in zip(labels, _NECKS, strict=True):
         label[:] = _basins(pairs, depth, neck)
         body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
@@ -174,30 +172,11 @@ def _lengths(points: Floats, normals: Floats, piece: Ints, pairs: Ints) -> Float
     return length
 
 
-def _from_rim(pairs: Ints, length: Floats, rim: Bools) -> Floats:
-    """Distance (F,) of each sample from the nearest rim along the skin, m; inf where there is none."""
-    if not rim.any():
-        return np.full(len(rim), np.inf)
-    graph = coo_matrix((length, pairs.T), (len(rim),) * 2).tocsr()
-    return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(rim), min_only=True))
-
-
-def _by_width(pairs: Ints, depth: Floats) -> Ints:
-    """The pairs of neighbours (E, 2) between which the skin continues, the widest ways first.
-
-    `depth` (F,) is the distance from the nearest rim; a way is as wide as its shallower end.
-    """
-    rank = np.empty(len(depth), np.int64)
-    rank[np.argsort(-depth, kind="stable")] = np.arange(len(depth))
-    return np.asarray(pairs[np.argsort(rank[pairs].max(axis=1), kind="stable")])
-
-
 @njit(cache=True)
 def _basins(pairs: Ints, depth: Floats, neck: float) -> Ints:
-    """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
-
-    `pairs` are `_by_width`; what lies on the rim (depth 0) joins nothing; `neck` is that of `_NECKS`.
-    """
+    """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are."""
+    # `pairs` (E, 2) are the widest first; what lies on the rim (depth 0) joins nothing; `neck` is of
+    # `_NECKS`.
     number = len(depth)
     root, peak = np.arange(number), depth.copy()
     for way in range(len(pairs)):

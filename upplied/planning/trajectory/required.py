@@ -16,8 +16,8 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.geometry.clouds import nearest_facing, spacing
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View, places_beside
-from upplied.records import Bools, Cloud, Ints
-from upplied.records.required import RequiredSurface
+from upplied.records import Bools, Cloud
+from upplied.records.plans import RequiredSurface
 
 _STATIONS = 160  # of the path, that are asked what they could show
 _WITHIN = 2.0  # stand-offs, in which a flight comes by a patch: from further off another shows it better
@@ -26,7 +26,7 @@ _WITHIN = 2.0  # stand-offs, in which a flight comes by a patch: from further of
 def required_first(
     view: View, required: RequiredSurface, path: Flown, airspace: Airspace, usual_m: float, times: float
 ) -> View:
-    """The view with the zones that the path can come to show needed before all else.
+    """The view with the zones that the path can come to show needed before all else, as they ask for it.
 
     Parameters
     ----------
@@ -42,13 +42,10 @@ def required_first(
         The stand-off.
     times : float
         What was inspected counts a square metre of a zone.
-
-    Returns
-    -------
-    View
-        With the distances and incidences that the zones ask for.
     """
-    mine = _nearest(view, required)
+    # The required sample that is nearest to each of the view's, on its side of a thin plate.
+    known = Cloud(required.points, required.normals)
+    mine = nearest_facing(view.cloud, known, 2 * spacing(view.cloud))[1]
     zone = np.flatnonzero(required.zone[mine])
     if not len(zone):
         return view
@@ -59,12 +56,26 @@ def required_first(
         farthest[zone] = np.minimum(farthest[zone], wanted_m)
     cosine[zone] = np.cos(np.radians(required.incidence_deg[mine[zone]]))
     asking = replace(view, farthest_m=farthest, least_cosine=cosine)
-    near = zone[_in_reach(asking, zone, path, airspace, usual_m)]
+    # Which of them the path, or a place beside it, would show with its camera turned.
+    within = replace(asking, farthest_m=np.minimum(asking.farthest_m, _WITHIN * usual_m))
+    station = chosen_evenly(len(path), _STATIONS)
+    reached: Bools = np.asarray(within.reach(path.positions[station], zone, station=station).any(axis=0))
+    if (left := np.flatnonzero(~reached)).size:
+        at, off = places_beside(path, usual_m)
+        places = path.positions[at] + off
+        free = airspace.allowed(places)
+        if free.any():
+            reached[left] = within.reach(places[free], zone[left], station=at[free]).any(axis=0)
+    near = zone[reached]
     if not len(near):
         return view
     strict = np.zeros(len(mine), bool)
     strict[near] = True
-    need = view.need + times * _need_per_m2(view) * np.where(strict, view.cloud.areas, 0.0)
+    # How much of the need falls on a square metre of what was inspected; of all, where nothing was.
+    part = view.inspected if view.need[view.inspected].sum() > 0 else view.need > 0
+    area = float(view.cloud.areas[part].sum())
+    per_m2 = float(view.need[part].sum()) / area if area > 0 else 1.0
+    need = view.need + times * per_m2 * np.where(strict, view.cloud.areas, 0.0)
     return replace(
         view,
         need=need / need.sum(),
@@ -72,30 +83,3 @@ def required_first(
         inspected=view.inspected | strict,
         least_cosine=np.where(strict, cosine, 0.0),
     )
-
-
-def _nearest(view: View, required: RequiredSurface) -> Ints:
-    """The required sample (N,) that is nearest to each of the view's, on its side of a thin plate."""
-    known = Cloud(required.points, required.normals)
-    return nearest_facing(view.cloud, known, 2 * spacing(view.cloud))[1]
-
-
-def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
-    """Which samples of the zone (Z,) the path, or a place beside it, would show with its camera turned."""
-    view = replace(view, farthest_m=np.minimum(view.farthest_m, _WITHIN * usual_m))
-    station = chosen_evenly(len(path), _STATIONS)
-    reached: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
-    if (left := np.flatnonzero(~reached)).size:
-        at, off = places_beside(path, usual_m)
-        places = path.positions[at] + off
-        free = airspace.allowed(places)
-        if free.any():
-            reached[left] = view.reach(places[free], zone[left], station=at[free]).any(axis=0)
-    return reached
-
-
-def _need_per_m2(view: View) -> float:
-    """How much of the need falls on a square metre of what was inspected; of all, where nothing was."""
-    part = view.inspected if view.need[view.inspected].sum() > 0 else view.need > 0
-    area = float(view.cloud.areas[part].sum())
-    return float(view.need[part].sum()) / area if area > 0 else 1.0

@@ -53,8 +53,6 @@ def retime(
     ----------
     path : Waypoints
         `t_s` is the time of the demonstration that each corresponds to.
-    flight : Trajectory
-        The demonstration.
     settings : RetimeSettings
         Without `limits`, the paper's rule.
     breaks : array of int, optional
@@ -67,7 +65,13 @@ def retime(
         viewpoint = np.array(path.is_viewpoint, bool)
         return Timed(at_demonstrated_speed(path, flight), viewpoint, path.t_s, path.added)
     anything = np.full(len(path), np.inf)
-    path, sharp = _without_repeats(path, Sharp(anything, anything) if sharp is None else sharp)
+    sharp = Sharp(anything, anything) if sharp is None else sharp
+    # Without waypoints that repeat the pose before them.
+    moved = leg_lengths(path.positions) > _STANDING_M
+    turned = angle_between(path.quat_xyzw[:-1], path.quat_xyzw[1:]) > 1e-6
+    keep = np.concatenate([[True], moved | turned])
+    viewpoint = np.logical_or.reduceat(path.is_viewpoint, np.flatnonzero(keep))
+    path, sharp = replace(path.rows(keep), is_viewpoint=viewpoint), sharp.rows(keep)
     hover = hovering(path, flight, settings.least_stop_s, breaks)
     stations = _divided(path, hover, sharp)
     bound = demonstrated_speed(stations.t_s, flight, breaks, settings.transit_speed_mps)
@@ -114,15 +118,6 @@ def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
     speed = np.where(demo > 1e-6, demo / np.maximum(spent, 1e-9), overall)
     step = np.maximum(leg / np.maximum(speed, 0.05), 1e-3)
     return Trajectory(cumulated(step), path.positions, path.quat_xyzw)
-
-
-def _without_repeats(path: Waypoints, sharp: Sharp) -> tuple[Waypoints, Sharp]:
-    """The path without waypoints that repeat the pose before them."""
-    moved = leg_lengths(path.positions) > _STANDING_M
-    turned = angle_between(path.quat_xyzw[:-1], path.quat_xyzw[1:]) > 1e-6
-    keep = np.concatenate([[True], moved | turned])
-    viewpoint = np.logical_or.reduceat(path.is_viewpoint, np.flatnonzero(keep))
-    return replace(path.rows(keep), is_viewpoint=viewpoint), sharp.rows(keep)
 
 
 def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints | None = None) -> Floats:
@@ -193,42 +188,31 @@ def demonstrated_speed(
 
     In between its parts, where he showed nothing, at `transit_mps`, or as fast as he was seen to fly.
     """
-    flown = [_Flown.of(part) for part in _parts(flight, breaks) if part.t_s[-1] > part.t_s[0]]
-    flown = [part for part in flown if part.along[-1] > 0]
-    if not flown:
-        return np.full(len(t_s), np.inf)
-    length = sum(part.along[-1] for part in flown)
-    mean = float(length / sum(part.spent[-1] for part in flown))
-    speed = np.full(len(t_s), max(transit_mps, *(part.fastest for part in flown)))
-    for part in flown:
-        inside = (t_s >= part.times[0]) & (t_s <= part.times[-1])
-        speed[inside] = np.maximum(part.speed(t_s[inside]), STILL * mean)
-    return speed
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _Flown(Record):
-    """What way a part of the flight had made when, and in how much time of moving."""
-
-    times: Floats  # (K,) s
-    along: Floats  # (K,) m
-    spent: Floats  # (K,) s
-    fastest: float  # m/s
-
-    @classmethod
-    def of(cls, part: Trajectory) -> _Flown:
+    flown, fastest = [], [transit_mps]
+    for part in _parts(flight, breaks):
+        if not part.t_s[-1] > part.t_s[0]:
+            continue
         times, positions = steadied(part)
         step, tick = leg_lengths(positions), float(times[1] - times[0])
         moving = step > _STILL * float(np.percentile(step, 75))
-        spent, fastest = cumulated(np.where(moving, tick, 0.0)), float(np.percentile(step, _TRANSIT)) / tick
-        return cls(times, cumulated(step), spent, fastest)
-
-    def speed(self, t_s: Floats) -> Floats:
-        """Mean speed (S,) over some metres to each side."""
-        here = np.interp(t_s, self.times, self.along)
-        before, after = np.maximum(here - _EVENED_M, 0), np.minimum(here + _EVENED_M, self.along[-1])
-        lasted = np.interp(after, self.along, self.spent) - np.interp(before, self.along, self.spent)
-        return (after - before) / np.maximum(lasted, self.times[1] - self.times[0])
+        # What way it had made when, and in how much time of moving.
+        along, spent = cumulated(step), cumulated(np.where(moving, tick, 0.0))
+        if along[-1] > 0:
+            flown.append((times, along, spent))
+            fastest.append(float(np.percentile(step, _TRANSIT)) / tick)
+    if not flown:
+        return np.full(len(t_s), np.inf)
+    length = sum(along[-1] for _, along, _ in flown)
+    mean = float(length / sum(spent[-1] for *_, spent in flown))
+    speed = np.full(len(t_s), max(fastest))
+    for times, along, spent in flown:
+        inside = (t_s >= times[0]) & (t_s <= times[-1])
+        here = np.interp(t_s[inside], times, along)
+        before, after = np.maximum(here - _EVENED_M, 0), np.minimum(here + _EVENED_M, along[-1])
+        lasted = np.interp(after, along, spent) - np.interp(before, along, spent)
+        evened = (after - before) / np.maximum(lasted, times[1] - times[0])
+        speed[inside] = np.maximum(evened, STILL * mean)
+    return speed
 
 
 def _timed(path: _Stations, bound: Floats, pan: Floats, settings: RetimeSettings) -> Floats:
@@ -237,41 +221,24 @@ def _timed(path: _Stations, bound: Floats, pan: Floats, settings: RetimeSettings
     length = np.linalg.norm(legs, axis=1)
     acceleration = settings.max_acceleration_mps2 * _MARGIN
     angular = np.radians(settings.max_yaw_acceleration_degps2) * _MARGIN
-    moving = length >= _STANDING_M
-    cap = np.minimum(_leg_caps(path, length, pan, settings), np.minimum(bound[:-1], bound[1:]))
-    # Legs of no length are spent at rest: they get their own time, and no speed.
-    index = np.flatnonzero(moving)
-    step = np.maximum(path.hold_s, _turn_times(path, pan, settings))
+    # What each leg allows by itself.
+    vehicle = np.radians([settings.max_yaw_rate_degps, settings.max_gimbal_rate_degps])
+    yaw_rate, pitch_rate = np.minimum(vehicle[0], pan), np.minimum(vehicle[1], pan)
+    rise, turn, nod = np.diff(path.positions[:, 2]), np.abs(turns), np.abs(np.diff(path.pitch))
+    least_s = np.maximum(length / settings.max_speed_mps, _SHORTEST_S)
+    least_s = np.maximum(least_s, rise / settings.max_climb_mps)
+    least_s = np.maximum(least_s, -rise / settings.max_descent_mps)
+    least_s = np.maximum(np.maximum(least_s, turn / yaw_rate), nod / pitch_rate)
+    cap = np.minimum(_MARGIN * length / least_s, np.minimum(bound[:-1], bound[1:]))
+    # Legs of no length are spent at rest, the heading turned from rest to rest: they have a time, no speed.
+    most = np.radians(settings.max_yaw_acceleration_degps2)
+    at_rate, ramp = turn / yaw_rate, yaw_rate / most  # s to full rate
+    from_rest = np.where(at_rate > ramp, at_rate + ramp, 2 * np.sqrt(turn / most))
+    step = np.maximum(path.hold_s, np.maximum(from_rest, nod / pitch_rate) / _MARGIN)
+    index = np.flatnonzero(length >= _STANDING_M)
     if len(index):
         rest = np.concatenate([path.at_rest[index], [path.at_rest[index[-1] + 1]]])
         corner = corner_cap(legs[index], turns[index], rest, acceleration, angular)
         speed = passes(np.minimum(cap[index], corner), legs[index], turns[index], rest, acceleration, angular)
         step[index] = length[index] / speed
     return cumulated(np.maximum(step, _SHORTEST_S))
-
-
-def _leg_caps(path: _Stations, length: Floats, pan: Floats, settings: RetimeSettings) -> Floats:
-    """Largest speed of each leg (S - 1,) by the limits that concern it alone, m/s."""
-    rise = np.diff(path.positions[:, 2])
-    least_s = np.maximum(length / settings.max_speed_mps, _SHORTEST_S)
-    least_s = np.maximum(least_s, rise / settings.max_climb_mps)
-    least_s = np.maximum(least_s, -rise / settings.max_descent_mps)
-    yaw_rate, pitch_rate = _most_rates(pan, settings)
-    least_s = np.maximum(least_s, np.abs(np.diff(path.yaw)) / yaw_rate)
-    return _MARGIN * length / np.maximum(least_s, np.abs(np.diff(path.pitch)) / pitch_rate)
-
-
-def _most_rates(pan: Floats, settings: RetimeSettings) -> tuple[Floats, Floats]:
-    """Largest rate of each leg for the heading's turn, and for the gimbal's, rad/s."""
-    vehicle = np.radians([settings.max_yaw_rate_degps, settings.max_gimbal_rate_degps])
-    return np.minimum(vehicle[0], pan), np.minimum(vehicle[1], pan)
-
-
-def _turn_times(path: _Stations, pan: Floats, settings: RetimeSettings) -> Floats:
-    """Least seconds of each leg to turn the camera on the spot, the heading from rest to rest."""
-    yaw_rate, pitch_rate = _most_rates(pan, settings)
-    angular = np.radians(settings.max_yaw_acceleration_degps2)
-    turn, ramp = np.abs(np.diff(path.yaw)), yaw_rate / angular  # s to full rate
-    at_rate = turn / yaw_rate
-    from_rest = np.where(at_rate > ramp, at_rate + ramp, 2 * np.sqrt(turn / angular))
-    return np.maximum(from_rest, np.abs(np.diff(path.pitch)) / pitch_rate) / _MARGIN

@@ -20,8 +20,7 @@ from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import USUAL_PCT, Take, breaks_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp, Timed, retime
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.planning.visibility.observations import moments
 from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 
@@ -43,9 +42,7 @@ def sharply_timed(
     sharp = sharp_limits(path, flight, takes, inspected, settings)
     timed = retime(path, flight, settings.retime, breaks_of(takes), sharp)
     steadied = steadied_swings(sharp, path.t_s, timed, steady_radps(takes, settings.inspection))
-    if steadied is sharp:
-        return timed
-    return retime(path, flight, settings.retime, breaks_of(takes), steadied)
+    return timed if steadied is sharp else retime(path, flight, settings.retime, breaks_of(takes), steadied)
 
 
 def sharp_limits(
@@ -58,47 +55,14 @@ def sharp_limits(
     """How fast a path may be flown, and its camera turned, at each waypoint.
 
     Where the expert himself swung his camera round faster than it stays sharp he was on the way from one
-    thing to the next: nothing there is to be sharp, and the plan swings as fast as he did.
-
-    Parameters
-    ----------
-    path : Waypoints
-        `t_s` is the time of `flight` that each corresponds to.
-    flight : Trajectory
-        The demonstration, of all takes one after another (`repetition.joined`).
-    takes : sequence of Take
-    inspected : InspectedSurface
-        Of all takes together.
-    settings : Settings
-    """
-    usual, own = np.degrees(steady_radps(takes, settings.inspection)), _swung_degps(path.t_s, flight)
-    speed = np.where(own > usual, np.inf, _sharp_speeds(path, flight, takes, inspected, settings))
-    return Sharp(speed, np.maximum(own, MARGIN * usual))
-
-
-def _swung_degps(t_s: Floats, flight: Trajectory) -> Floats:
-    """How fast the expert turned his camera at these times (W,), deg/s."""
-    if len(flight) < 2:
-        return np.zeros(len(t_s))
-    spent = np.maximum(np.diff(flight.t_s), 1e-3)
-    rate = np.degrees(angle_between(flight.quat_xyzw[:-1], flight.quat_xyzw[1:])) / spent
-    return np.interp(t_s, (flight.t_s[:-1] + flight.t_s[1:]) / 2, rate)
-
-
-def _sharp_speeds(
-    path: Waypoints,
-    flight: Trajectory,
-    takes: Sequence[Take],
-    inspected: InspectedSurface,
-    settings: Settings,
-) -> Floats:
-    """Speed (W,), m/s, at each waypoint up to which the inspected surface in view is sharp; inf for none.
+    thing to the next: nothing there is to be sharp, and the plan swings as fast as he did. The flight and
+    what was inspected are those of all takes together (`repetition.joined`).
 
     Sharp is what moves no faster through the picture than `settings.inspection` says, or than the expert's
     own pictures did, as long as that is no more than a pixel of his camera (`max_motion_px`).
     """
-    camera, scene = takes[0].inspection.camera, takes[0].pair.target_scene
-    rule = settings.inspection
+    usual, swung = np.degrees(steady_radps(takes, settings.inspection)), _swung_degps(path.t_s, flight)
+    camera, scene, rule = takes[0].inspection.camera, takes[0].pair.target_scene, settings.inspection
     focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     one_pixel = rule.max_motion_px / ((camera.exposure_s or rule.exposure_s) * focal)
     own, _ = look_limits(takes, rule)
@@ -121,25 +85,26 @@ def _sharp_speeds(
     with np.errstate(divide="ignore", invalid="ignore"):
         fastest = np.where((angle > 0) & (leg > 1e-6), leg * MARGIN * limit / angle, np.inf)
     fastest = np.maximum(fastest, _SLOWEST_MPS)
-    return np.minimum(np.append(fastest, np.inf), np.insert(fastest, 0, np.inf))
+    speed = np.minimum(np.append(fastest, np.inf), np.insert(fastest, 0, np.inf))
+    return Sharp(np.where(swung > usual, np.inf, speed), np.maximum(swung, MARGIN * usual))
+
+
+def _swung_degps(t_s: Floats, flight: Trajectory) -> Floats:
+    """How fast the expert turned his camera at these times (W,), deg/s."""
+    if len(flight) < 2:
+        return np.zeros(len(t_s))
+    spent = np.maximum(np.diff(flight.t_s), 1e-3)
+    rate = np.degrees(angle_between(flight.quat_xyzw[:-1], flight.quat_xyzw[1:])) / spent
+    return np.interp(t_s, (flight.t_s[:-1] + flight.t_s[1:]) / 2, rate)
 
 
 def steadied_swings(sharp: Sharp, path_t_s: Floats, timed: Timed, steady_radps: float) -> Sharp:
     """The limits with slow swings of the camera made steady, so that fast ones stay the exception.
 
     A swing takes as long on a small structure as on a large one, the rest of the flight does not. The slowest
-    swings are flown steadily, as many as leave no more than 5 % of the time for the others.
-
-    Parameters
-    ----------
-    sharp : Sharp
-        Of W waypoints.
-    path_t_s : array, shape (W,), s
-        The time of the demonstration that each corresponds to.
-    timed : tuple
-        What `retime` gives for these limits.
-    steady_radps : float
-        Up to which a camera turns steadily.
+    swings are flown steadily, as many as leave no more than 5 % of the time for the others. `path_t_s` (W,)
+    are the times of the demonstration that the waypoints correspond to, `timed` what `retime` gives for these
+    limits, and up to `steady_radps` a camera turns steadily.
     """
     flown, steady_degps = timed.trajectory, np.degrees(steady_radps)
     steps = moments(flown)

@@ -87,12 +87,10 @@ def _reached(slow: float, fast: float, here: int, beside: int, rule: _Rule) -> f
 
 @njit(cache=True)
 def _fits(slow: float, fast: float, here: int, beside: int, rule: _Rule) -> bool:
-    """Whether a leg of speed `slow` and its neighbour of speed `fast` may follow each other.
-
-    The change of velocity has to be within the limit for the time between the middles of both legs, as
-    their own speeds give it and as a steady acceleration from one to the other gives it. The left sides grow
-    with `fast`, the right sides shrink: if one speed fits, so does every one between it and `slow`.
-    """
+    """Whether a leg of speed `slow` and its neighbour of speed `fast` may follow each other."""
+    # The change of velocity has to be within the limit for the time between the middles of both legs, as
+    # their own speeds give it and as a steady acceleration from one to the other gives it. The left sides
+    # grow with `fast`, the right sides shrink: if one speed fits, so does every one between it and `slow`.
     legs, turns, acceleration, angular = rule
     length_here = np.sqrt(legs[here, 0] ** 2 + legs[here, 1] ** 2 + legs[here, 2] ** 2)
     length = np.sqrt(legs[beside, 0] ** 2 + legs[beside, 1] ** 2 + legs[beside, 2] ** 2)

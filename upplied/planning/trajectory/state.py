@@ -70,16 +70,33 @@ class State(Record):
 
     def nearest(self, path: Flown) -> Floats:
         """The variables whose path comes nearest to one of as many stations (least squares)."""
-        unit = np.where(self.unit > 0, self.unit, np.inf)
-        return _fitted(self.basis, (path.columns - self.base.columns) / unit).ravel()
+        basis, unit = self.basis, np.where(self.unit > 0, self.unit, np.inf)
+        normal = (basis.T @ basis).tocsr()  # of the normal equations, which are banded
+        bands = np.zeros((_DEGREE + 1, basis.shape[1]))
+        for offset in range(_DEGREE + 1):
+            band = normal.diagonal(-offset)
+            bands[offset, : len(band)] = band
+        bands[0] += _RIDGE * max(float(bands[0].mean()), 1e-12)
+        values = (path.columns - self.base.columns) / unit
+        return np.asarray(solveh_banded(bands, basis.T @ values, lower=True)).ravel()
 
     def curve(self, variables: Floats, step_m: float) -> tuple[Floats, Flown]:
         """The path as a curve with legs of about `step_m`, and the station (a fraction) of each vertex.
 
         A polyline has all its turning at its vertices, where a vehicle would slow down; the curve turns
-        steadily. Its stations are among its vertices.
+        steadily. Its stations are among its vertices. It is a cubic spline by arc length; straight where too
+        few stations are apart.
         """
-        at, positions = _curve(self.base.positions, step_m)
+        stations = self.base.positions
+        leg = leg_lengths(stations)
+        number, share = pieces_of_legs(np.clip(np.ceil(leg / step_m - 1e-9).astype(int), 1, _MOST_PIECES))
+        at, along = np.append(number + share, float(len(leg))), cumulated(leg)
+        apart = np.concatenate([[True], leg > _STILL_M])
+        where = np.interp(at, np.arange(float(len(stations))), along)
+        if apart.sum() < 4:
+            positions = interpolated(where, along, stations)
+        else:
+            positions = CubicSpline(along[apart], stations[apart], bc_type="natural")(where)
         index = np.arange(float(len(self.base)))
         angles = np.column_stack([self.base.yaw, self.base.pitch])
         if len(index) > 1:
@@ -98,28 +115,3 @@ def _splines(at: Floats, controls: int) -> csr_matrix:
     inner = np.linspace(0, 1, controls - _DEGREE + 1)
     knots = np.concatenate([np.zeros(_DEGREE), inner, np.ones(_DEGREE)])
     return csr_matrix(BSpline.design_matrix(at, knots, _DEGREE))
-
-
-def _fitted(basis: csr_matrix, values: Floats) -> Floats:
-    """Control points (K, D) of the splines nearest to values (M, D); the normal equations are banded."""
-    normal = (basis.T @ basis).tocsr()
-    bands = np.zeros((_DEGREE + 1, basis.shape[1]))
-    for offset in range(_DEGREE + 1):
-        band = normal.diagonal(-offset)
-        bands[offset, : len(band)] = band
-    bands[0] += _RIDGE * max(float(bands[0].mean()), 1e-12)
-    return np.asarray(solveh_banded(bands, basis.T @ values, lower=True))
-
-
-def _curve(stations: Floats, step_m: float) -> tuple[Floats, Floats]:
-    """Station numbers and positions on the cubic spline by arc length; straight where too few are apart."""
-    leg = leg_lengths(stations)
-    pieces = np.clip(np.ceil(leg / step_m - 1e-9).astype(int), 1, _MOST_PIECES)
-    number, share = pieces_of_legs(pieces)
-    at = np.append(number + share, float(len(leg)))
-    along = cumulated(leg)
-    apart = np.concatenate([[True], leg > _STILL_M])
-    where = np.interp(at, np.arange(float(len(stations))), along)
-    if apart.sum() < 4:
-        return at, interpolated(where, along, stations)
-    return at, CubicSpline(along[apart], stations[apart], bc_type="natural")(where)

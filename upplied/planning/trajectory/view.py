@@ -13,8 +13,7 @@ from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.scene import Scene
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import Axis, aims_of, axes
-from upplied.planning.visibility.frustum import Closeness, coarseness
-from upplied.planning.visibility.line_of_sight import seen_by_any, visible
+from upplied.planning.visibility.line_of_sight import Closeness, coarseness, seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 WIDEST = 0.20  # of the soft coverage's borders, in the first round
@@ -81,12 +80,6 @@ class View(Record):
         if not chosen:
             return np.empty(0, np.int64), np.empty(0)
         return np.concatenate(chosen), np.concatenate(needs)
-
-    def halves_rad(self, stations: int) -> Floats:
-        """Half the field of view of each station (M, 2), across and up."""
-        if self.fov_deg is not None:
-            return np.radians(self.fov_deg) / 2
-        return np.tile(np.radians([self.camera.hfov_deg, self.camera.vfov_deg]) / 2, (stations, 1))
 
     def _closeness(self, chosen: Ints, fov_deg: Floats | None) -> Closeness:
         least = None if self.least_cosine is None else self.least_cosine[chosen]

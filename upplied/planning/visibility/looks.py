@@ -56,11 +56,8 @@ def sharp_looks(
 
     Parameters
     ----------
-    steps : Moments
     shown : Views
-        What the flight truly sees of the samples, in the same time.
-    cloud : Cloud
-        N samples with normals.
+        What the flight truly sees of the N samples, in the same time.
     sharp_radps, least_cosine : float
         Largest motion in the picture, rad/s, and least cosine of the incidence.
     carry : array, shape (3, 3), optional
@@ -107,10 +104,8 @@ def sharp_looks(
 def _defocus(
     camera: Camera, positions: Floats, axes: Floats, seen: Bools, points: Floats, depth: Floats, pose: Ints
 ) -> Floats:
-    """Diameter of the blur, over the focal length, of what lies off the distance that is in focus (N,).
-
-    A camera is taken to focus on the median depth of what it sees. Thin lens: f |z - s| / (N z (s - f)).
-    """
+    """Diameter of the blur, over the focal length, of what lies off the distance that is in focus (N,)."""
+    # A camera is taken to focus on the median depth of what it sees. Thin lens: f |z - s| / (N z (s - f)).
     if not (camera.focal_mm and camera.f_number):
         return np.zeros(len(points))
     focal_m = camera.focal_mm * 1e-3

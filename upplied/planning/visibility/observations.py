@@ -17,8 +17,7 @@ from upplied.config import VisibilitySettings
 from upplied.geometry.polylines import cumulated, leg_lengths, pieces_of_legs
 from upplied.geometry.poses import angle_between, fov_at, in_a_row, interpolate, normalised
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 STEP_S = 0.5
@@ -45,14 +44,7 @@ class Moments(Record):
 
 
 def moments(flight: Trajectory, breaks: Ints | None = None) -> Moments:
-    """Steps of about half a second, none of them across a gap in the log.
-
-    Parameters
-    ----------
-    flight : Trajectory
-    breaks : array of int, optional
-        First pose after each gap.
-    """
+    """Steps of about half a second, none of them across a gap in the log (`breaks`: the first pose after)."""
     inner = {int(b) for b in breaks if 0 < b < len(flight)} if breaks is not None else set()
     cuts = [0, *sorted(inner), len(flight)]
     parts = [_even(flight, first, last) for first, last in itertools.pairwise(cuts)]
@@ -130,7 +122,7 @@ class Views(Record):
 
     stations: Trajectory  # P poses
     seen: Bools  # (P, N)
-    # (P,) what distances are to be taken times, so that zooms compare (`frustum.coarseness`)
+    # (P,) what distances are to be taken times, so that zooms compare (`line_of_sight.coarseness`)
     coarse: Floats | None = field(default=None, metadata={"later": True})
 
     @property
@@ -148,14 +140,8 @@ class Views(Record):
     ) -> tuple[Floats, Floats]:
         """Smallest distance, m, and largest cosine of the incidence of each point, (N,); else inf and -1.
 
-        Parameters
-        ----------
-        points : array, shape (N, 3), m
-            What `seen` is of.
-        normals : array, shape (N, 3), optional
-            Without them all cosines are 0.
-        carry : array, shape (3, 3), optional
-            How lines of sight are carried before they are measured.
+        `points` (N, 3) are what `seen` is of; without normals all cosines are 0. With `carry` (3, 3) lines of
+        sight are carried before they are measured.
         """
         carry = np.eye(3) if carry is None else carry
         normals = np.zeros((len(points), 3)) if normals is None else normals
@@ -163,18 +149,10 @@ class Views(Record):
         return _nearest(positions, points @ carry.T, normals, self.seen, self.coarseness)
 
     def shown_well(self, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float) -> Bools:
-        """Which samples (N,) some pose sees finely, frontally and slowly enough, all at once.
+        """Which samples (N,) of what `seen` is of some pose sees finely, frontally and slowly enough at once.
 
-        Parameters
-        ----------
-        cloud : Cloud
-            What `seen` is of, with normals.
-        farthest_m : array, shape (N,), m
-            Of a frontal look; an oblique one is nearer by the cosine of its incidence. NaN: not asked for.
-        sharp_radps : float
-            Largest motion of the sample in the picture.
-        least_cosine : float
-            Of the incidence.
+        `farthest_m` (N,) is of a frontal look; an oblique one is nearer by the cosine of its incidence. NaN:
+        not asked for. `sharp_radps` is the largest motion of the sample in the picture.
         """
         moving, points = (self.stations.positions, *rates(self.stations)), (cloud.points, cloud.outward)
         looks = (*(np.ascontiguousarray(of) for of in (*moving, *points)), self.seen, self.coarseness)
@@ -210,17 +188,7 @@ def views(
     settings: VisibilitySettings,
     scene: Scene | None = None,
 ) -> Views:
-    """What a trajectory sees of a cloud on its whole way; ask a demonstration in the same manner.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    cloud : Cloud
-    camera : Camera
-    settings : VisibilitySettings
-        `BY_FRUSTUM` or `TRULY` for the measures.
-    scene : Scene, optional
-    """
+    """What a trajectory sees of a cloud on its whole way; for the measures by `BY_FRUSTUM` or `TRULY`."""
     thinned = stations(trajectory)
     poses, fov_deg = (thinned.positions, thinned.quat_xyzw), thinned.fov_deg
     seen = visible(*poses, cloud, camera, settings, scene, fov_deg=fov_deg).seen

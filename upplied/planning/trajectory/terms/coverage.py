@@ -16,7 +16,7 @@ from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View, places_beside
-from upplied.planning.visibility.frustum import coarseness
+from upplied.planning.visibility.line_of_sight import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
 _MOST = 0.98  # that one station shows: a second look at the same sample is worth a little
@@ -51,8 +51,10 @@ class Coverage(Record):
         """
         station, sample = np.nonzero(free)
         station = stride * station
-        halves = view.halves_rad(stride * len(free) if view.fov_deg is None else len(view.fov_deg))
-        coarse = coarseness(view.camera, view.fov_deg)
+        fov_deg = view.fov_deg
+        if fov_deg is None:
+            fov_deg = np.tile([view.camera.hfov_deg, view.camera.vfov_deg], (stride * len(free), 1))
+        halves, coarse = np.radians(fov_deg) / 2, coarseness(view.camera, view.fov_deg)
         usual = float(np.cos(np.radians(view.settings.max_incidence_deg)))
         least = np.full(len(chosen), usual)
         if view.least_cosine is not None:
@@ -94,10 +96,8 @@ def _look(
     width: float,
     batch: Floats,
 ) -> None:
-    """What a pose shows of the samples in `batch`, and its slopes, beside them in `batch`.
-
-    One number of all samples after another: so a compiler decides several samples at a time.
-    """
+    """What a pose shows of the samples in `batch`, and its slopes, beside them in `batch`."""
+    # One number of all samples after another: so a compiler decides several samples at a time.
     round_ = half_h >= np.pi / 2  # so wide a field that there is no picture plane
     sin_h, cos_h, sin_v, cos_v = np.sin(half_h), np.cos(half_h), np.sin(half_v), np.cos(half_v)
     at_x, at_y, at_z, yaw, pitch = pose
@@ -207,7 +207,6 @@ class Hidden(Record):
 
         Parameters
         ----------
-        view : View
         airspace : Airspace
             Whose rules the places keep.
         path : Flown
@@ -221,12 +220,12 @@ class Hidden(Record):
         at, off = at[beside], off[beside]
         left, away_m = np.array(view.need[few]), np.linalg.norm(off, axis=1)
         left *= view.need[missed].sum() / max(left.sum(), 1e-12)
-        shows = np.zeros((len(at), len(few)), bool)
-        if shows.size:
-            shows = _shown(path, at, off, few, view)
+        places, shows = path.positions[at] + off, np.zeros((len(at), len(few)), bool)
+        if shows.size:  # with the camera as it looks from their stations
+            shows = view.seen(places, from_yaw_pitch(path.yaw[at], path.pitch[at]), few, at)
         need = _shared(shows, left, away_m)
         row = np.flatnonzero(need > _LITTLE * need.sum())
-        return cls(at[row], path.positions[at[row]] + off[row], need[row], away_m[row])
+        return cls(at[row], places[row], need[row], away_m[row])
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Need of the places, times how much farther than at them the path is, and its slope."""
@@ -239,16 +238,9 @@ class Hidden(Record):
 
 
 def _shared(shows: Bools, need: Floats, away_m: Floats) -> Floats:
-    """(C,) the need that each place has of the samples (C, m) that it shows: more, the better it is.
-
-    Each sample's need (m,) is shared by all places that show it, so that none is chosen by a hair's breadth.
-    """
+    """(C,) the need that each place has of the samples (C, m) that it shows: more, the better it is."""
+    # Each sample's need is shared by all places that show it, so that none is chosen by a hair's breadth.
     worth = (shows @ need) / away_m
     worth = (worth / worth.max(initial=1e-300)) ** _CHOOSY
     total = worth @ shows
     return worth * (shows @ np.where(total > 0, need / np.maximum(total, 1e-300), 0.0))
-
-
-def _shown(path: Flown, at: Ints, off: Floats, few: Ints, view: View) -> Bools:
-    """(C, m) which samples are seen from the places with the camera as it looks from their stations."""
-    return view.seen(path.positions[at] + off, from_yaw_pitch(path.yaw[at], path.pitch[at]), few, at)

@@ -1,7 +1,4 @@
-"""ArduPilot's logs (DataFlash, binary and text) and telemetry logs of ground stations, by `pymavlink`.
-
-Where both the filter's origin and satellites are logged, the place of the structure decides.
-"""
+"""Logs of autopilots: PX4's (ULog) by `pyulog`; ArduPilot's (DataFlash) and telemetry by `pymavlink`."""
 
 import mmap
 import re
@@ -12,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pyulog import ULog
+from pyulog.exceptions import ULogException
 
 from upplied.extras import extra
-from upplied.inputs.files import read_regular, silent
+from upplied.inputs.files import open_regular, read_regular, silent
 from upplied.inputs.sources import source as fill
 from upplied.inputs.sources.source import MAX_ROWS, Fields, Source, refusal
 from upplied.inputs.tables import Table
@@ -24,6 +23,12 @@ MAX_BYTES = 2 << 30
 _DATE_S = 1e9  # earlier, it is no date but the time since the start
 _LONGEST, _SPARE = 255, 528  # bytes of a message; behind the last one, where logs are kept in blocks
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 1
+ERRORS = (ULogException, TypeError)  # what `pyulog` raises of damaged logs
+_GPS = ("sensor_gps", "vehicle_gps_position")
+_FIXED = 3  # fix_type: a position in three dimensions
+_HEAD = 1 << 20  # bytes that hold the definitions of messages
+_HUGE = re.compile(rb"[a-z0-9_]\[\d{6,}\] [a-z]")  # of a message of 65 535 bytes at most
+_LATER = 1_000_000_000_000_000  # us: a date, not the time since the start
 Rows = dict[str, list[tuple[int, Any]]]
 
 
@@ -42,9 +47,8 @@ def _local(topic: str, t_ns: Ints, values: Floats) -> Table:
     return fill.table(topic, "px4_msgs/VehicleLocalPosition", t_ns, x=x, y=y, z=z)
 
 
-def _wind(topic: str, t_ns: Ints, values: Floats) -> Table:
-    north, east = values.T
-    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=north, windspeed_east=east)
+def _wind(topic: str, t_ns: Ints, v: Floats) -> Table:
+    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=v[:, 0], windspeed_east=v[:, 1])
 
 
 # Message -> the fields that are read of it, and what makes a table of them.
@@ -73,10 +77,12 @@ _MESSAGES: dict[str, tuple[tuple[str, ...], Callable[[str, Ints, Floats], Table]
 
 def read(path: Path, fields: Fields) -> Source:
     """The tables of a log."""
+    with path.open("rb") as stream:
+        head = stream.read(4)
+    if head == b"ULog":
+        return _ulog(path, fields)
     with extra("ardupilot"):
         import pymavlink  # noqa: F401 - a clear message where it is missing
-    with path.open("rb") as stream:
-        head = stream.read(9)
     source = Source([])
     text = head[:3] == b"FMT"
     rows = _dataflash(path, text, source) if text or head[:2] == b"\xa3\x95" else _telemetry(path, source)
@@ -95,9 +101,8 @@ def _dataflash(path: Path, text: bool, source: Source) -> Rows:
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         heads = size if text else sum(1 for _ in re.finditer(rb"\xa3\x95", data))
     if 2 * _LONGEST * heads < size:  # passed over byte by byte, it would take for ever
-        raise refusal(
-            f"holds {heads} messages in {size} bytes", "a whole log", "copy it again from the autopilot"
-        )
+        finding = f"holds {heads} messages in {size} bytes"
+        raise refusal(finding, "a whole log", "copy it again from the autopilot")
     for _ in range(MAX_ROWS):
         try:
             if log is None:
@@ -126,18 +131,15 @@ def _telemetry(path: Path, source: Source) -> Rows:
 
     link = ardupilotmega.MAVLink(None)
     rows: Rows = defaultdict(list)
-    ahead: list[int] = []
-    vehicles: set[int] = set()
+    ahead, vehicles = list[int](), set[int]()
     for t_us, packet in _packets(read_regular(path, MAX_BYTES), source):
         try:
             message = link.decode(bytearray(packet))
         except Exception:  # of an unknown dialect, or damaged
             continue
-        name = message.get_type()
-        if name not in _MESSAGES:
+        if (name := message.get_type()) not in _MESSAGES:
             continue
-        boot_ms = getattr(message, "time_boot_ms", None)
-        if boot_ms is not None:
+        if (boot_ms := getattr(message, "time_boot_ms", None)) is not None:
             ahead.append(t_us * 1000 - boot_ms * 1_000_000)
         if name in ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"):
             vehicles.add(message.get_srcSystem())
@@ -147,14 +149,12 @@ def _telemetry(path: Path, source: Source) -> Rows:
         raise refusal(f"holds {len(vehicles)} vehicles ({sorted(vehicles)})", "one vehicle", "split the log")
     start = int(np.median(ahead)) if ahead else 0
     source.notes.append("dates by the clock of the ground station")
-    return {
-        name: [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in stamped]
-        for name, stamped in rows.items()
-    }
+    for stamped in rows.values():
+        stamped[:] = [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in stamped]
+    return rows
 
 
 def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
-    """When each packet came, us, and its bytes."""
     at, lost = 0, 0
     while at + 17 <= len(data):
         magic, length = data[at + 8], data[at + 9]
@@ -168,7 +168,47 @@ def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
 
 
 def _lost(source: Source, lost: int, size: int) -> None:
-    """Note how many bytes between messages were passed over."""
     if lost > 0:
         source.losses.append(f"{lost} bytes between messages cannot be read")
         source.read_pct = 100 * (1 - lost / size)
+
+
+def _ulog(path: Path, fields: Fields) -> Source:
+    with open_regular(path) as stream:
+        if _HUGE.search(stream.read(_HEAD)):
+            raise refusal("defines an array larger than any message", "a log that PX4 wrote")
+    # The log calls px4_msgs/VehicleLocalPosition vehicle_local_position.
+    names = {re.sub(r"(?<!^)(?=[A-Z])", "_", schema.removeprefix("px4_msgs/")).lower(): schema
+             for schema in fields if schema.startswith("px4_msgs/")}  # fmt: skip
+    with silent():
+        log = ULog(str(path), [*names, *_GPS])
+    offset_us, notes = _start(log)
+    tables = []
+    for number, data in enumerate(log.data_list):
+        if data.name not in names or not len(data.data["timestamp"]):
+            continue
+        columns = {}
+        for name in (*fields[names[data.name]], "timestamp"):
+            if name in data.data:
+                columns[name] = np.asarray(data.data[name])
+            elif parts := [part for at in range(16) if (part := f"{name}[{at}]") in data.data]:
+                columns[name] = np.column_stack([data.data[part] for part in parts])
+        if offset_us:
+            for stamp in {"timestamp", "timestamp_sample"} & columns.keys():
+                columns[stamp] = np.where(columns[stamp] > 0, columns[stamp].astype(np.int64) + offset_us, 0)
+        topic = f"/{data.name}" + (f"_{data.multi_id}" if data.multi_id else "")
+        t_ns = columns["timestamp"].astype(np.int64) * 1000
+        tables.append(fill.table(topic, names[data.name], t_ns, number, **columns))
+    lost = [f"{len(log.dropouts)} dropouts of the recorder"] if log.dropouts else []
+    damage = ["part of the log cannot be read"] if log.file_corruption else []
+    return Source(tables, losses=damage, notes=[*notes, *lost])
+
+
+def _start(log: Any) -> tuple[int, list[str]]:
+    """What to add to times since the start for a date, us, by the satellites."""
+    for data in log.data_list:
+        if data.name in _GPS and {"time_utc_usec", "fix_type"} <= data.data.keys():
+            utc, since = data.data["time_utc_usec"].astype(np.int64), data.data["timestamp"].astype(np.int64)
+            if (good := (data.data["fix_type"] >= _FIXED) & (utc > _LATER)).any():
+                return int(np.median(utc[good] - since[good])), []
+    return 0, ["times count from the start of the autopilot: the log holds no date"]
