@@ -1,7 +1,5 @@
 """Plan the inspection of every structure of a kind from one expert's flight."""
 
-from __future__ import annotations
-
 from upplied.extras import public_names
 
 __version__ = "0.2.0"

@@ -1,7 +1,5 @@
 """Cameras that inspect, by name: their pixels, lenses and least times between photos (`cameras.toml`)."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Collection, Mapping

@@ -1,7 +1,5 @@
 """Checks of what comes in: what was given, the rule, what is allowed."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches

@@ -1,7 +1,5 @@
 """Errors that people read: each message names the file or id, the finding, the rule and the remedy."""
 
-from __future__ import annotations
-
 _SUGGESTIONS = ("known: ", "did you mean ", "such as ", "the last ones: ")  # they are no rules
 
 

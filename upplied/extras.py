@@ -3,8 +3,6 @@
 So `import upplied` and the help stay fast, and what is missing is told in words.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 from collections.abc import Callable, Iterator

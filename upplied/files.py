@@ -1,7 +1,5 @@
 """Files that are replaced in one step, and that are on the disk then."""
 
-from __future__ import annotations
-
 import os
 import uuid
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How much of one picture another one shows too: the overlap of photos, by rays through both."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

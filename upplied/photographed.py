@@ -4,8 +4,6 @@ A path is divided where the overlap with the photo before falls to the required 
 ready by then, the path is flown more slowly if overlap or coverage depend on it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

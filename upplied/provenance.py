@@ -4,8 +4,6 @@ A version that a person raises is forgotten; what a result follows from is not. 
 method and the versions of the libraries that it computes with are part of every key.
 """
 
-from __future__ import annotations
-
 import hashlib
 import platform
 from collections.abc import Mapping

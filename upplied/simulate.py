@@ -7,8 +7,6 @@ axis reduced to its first-order part. The gimbal levels the camera and turns it,
 little error. Not modelled: propeller wash near walls, lee and speed-up round the structure, battery.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

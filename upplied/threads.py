@@ -4,8 +4,6 @@ The matrices of a plan are small: more threads wait for each other longer than t
 they part a sum shows in the last digit of every plan.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

@@ -1,7 +1,5 @@
 """What is kept: structures, demonstrations and plans, in tables that many may fill at once."""
 
-from __future__ import annotations
-
 import os
 
 from upplied.extras import public_names

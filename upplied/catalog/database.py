@@ -4,8 +4,6 @@ A commit is whole or not there; rows of steps stand before the row that names th
 nobody reads a trajectory without its points, or with those of a writer that was stopped half-way.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -31,7 +29,7 @@ _OF_PHOTO = ["patches", "gsd_mm", "blur_px", "overlap_pct"]
 _JUDGED = (*OWNER, "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
 
-def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
+def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> "Catalog":
     """Open a catalog; a new one is made when the first row is added, and asking before is an error.
 
     Parameters

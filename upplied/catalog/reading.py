@@ -1,7 +1,5 @@
 """What a catalog consists of, and the questions to it: tables, records, rows."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from typing import Any, Self

@@ -4,8 +4,6 @@ Exit codes: 0 success, 1 some files or targets were refused or failed, 2 the com
 3 a fault of the program itself.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

@@ -1,7 +1,5 @@
 """`upplied catalog`: contents, history and checks; merging, cleaning, export and import."""
 
-from __future__ import annotations
-
 import re
 from itertools import count
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`upplied export`, `brief`, `fly` and `render`: a plan as a mission, for the pilot and in wind; pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

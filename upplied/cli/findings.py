@@ -1,7 +1,5 @@
 """`upplied findings` and `reshoot`: findings, their photos, and the same place on other structures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal

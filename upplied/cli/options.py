@@ -1,7 +1,5 @@
 """Options and arguments that several commands have, with their help."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 

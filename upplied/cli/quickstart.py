@@ -1,7 +1,5 @@
 """`upplied samples`, `quickstart` and `doctor`: a sample fleet, all steps, and checks of this machine."""
 
-from __future__ import annotations
-
 import os
 import platform
 import shlex

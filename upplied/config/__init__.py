@@ -4,8 +4,6 @@
 demonstration scaled by the ratio of the bounding boxes. One pipeline (`upplied.planning.plan`) runs them all.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Settings: one frozen class for each stage, each default in one place, with its reason."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple

@@ -1,7 +1,5 @@
 """The jobs of a fleet without any engine, for command and flows: ingest, decide, transfer, publish."""
 
-from __future__ import annotations
-
 import logging
 import uuid
 from datetime import UTC, datetime

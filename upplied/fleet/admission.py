@@ -1,7 +1,5 @@
 """Structures that were read, judged among those that are known before they are kept."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -4,8 +4,6 @@ A plan is named by the hash of all that it depends on (`planning.plan.transfer_k
 what changed.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A plan of the catalog as a person changes it, step by step, judged as every plan is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 

@@ -1,7 +1,5 @@
 """Changes of plans: out as a file and back, kept as drafts judged anew, carried over to later drafts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Logs of flights into the catalog: each laid on its plan, what it truly saw, and how it differs."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Flights of kept plans: simulated, judged again where a structure changed, and kept as demonstrations."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, fields, replace
 

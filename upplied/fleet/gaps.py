@@ -1,7 +1,5 @@
 """The flight that shows what a flight left out, as a plan of the catalog like any other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -131,7 +129,7 @@ def _plan(
     surface: Cloud,
     missing: Bools,
     clearance_m: float,
-    zones: Sequence[Zone],
+    zones: "Sequence[Zone]",
     untold: tuple[str, ...],
 ) -> Plan:
     state = np.full(len(surface), _OTHER, np.int64)

@@ -1,7 +1,5 @@
 """Files into the catalog: a bad one stops itself alone, an unchanged one, by its bytes, is left as it is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace

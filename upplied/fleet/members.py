@@ -3,8 +3,6 @@
 Shapes are compared by their features (`upplied.recommend.shapes`), free of scale; nothing is registered.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Which plan a flight was of: the one that is named, or one of its place and time that it lies on best."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """In a worker process: one job planned; errors become plans with a reason."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """Files read in worker processes: a bad one stops itself alone, an unchanged one is not parsed again."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

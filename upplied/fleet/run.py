@@ -3,8 +3,6 @@
 Three calls: `Run.plan` of a shard, `Workers.run` of a job, and `plan_job` in the worker process.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import threading
@@ -90,7 +88,7 @@ def transfer(
     resources: Resources | None = None,
     progress: Callable[[Outcome], None] = lambda outcome: None,
     plan: PlanJob = plan_job,
-) -> Result:
+) -> "Result":
     """Plan every job in a `Run` without any engine; what is kept does not depend on how many workers."""
     run = Run(catalog, jobs, run_id, resources, progress, plan=plan)
     with ThreadPoolExecutor(run.threads) as threads, run:
@@ -105,7 +103,7 @@ def plan_here(
     engine: str,
     limits: Limits | None = None,
     plan: PlanJob = plan_job,
-) -> Result:
+) -> "Result":
     """Plan jobs one after the other for a process of somebody else's engine, and count the outcomes.
 
     Jobs that were kept meanwhile, by whomever, are left out: a shard that is started twice is planned once.
@@ -234,7 +232,7 @@ class Result:
         if status != "ok":
             self.troubles.append((str(job), status, reason))
 
-    def include(self, other: Result) -> None:
+    def include(self, other: "Result") -> None:
         for status in _STATUSES:
             setattr(self, status, getattr(self, status) + getattr(other, status))
         self.troubles += other.troubles

@@ -5,8 +5,6 @@ all. Around it stands what our jobs need: one thread each, an address space of t
 with the parent.
 """
 
-from __future__ import annotations
-
 import os
 import queue
 import signal

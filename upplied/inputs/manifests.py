@@ -149,5 +149,6 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
     declared |= {"structure_id": given["id"], "unit_m": given["units"], "surroundings": around}
     declared["nominal_m"] = tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height"))
     if not missing:
-        declared["placement"] = Placement(*(given[key] for key in _PLACE), given.get("datum", "ellipsoid"))
+        place = (*(given[key] for key in _PLACE), given.get("datum", "ellipsoid"))
+        declared["placement"] = Placement(*place)
     return StructureEntry(**declared)

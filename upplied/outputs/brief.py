@@ -1,7 +1,5 @@
 """The pilot's brief, on paper, and the pilot's part of a plan's page: the mission, drawn and in figures."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace

@@ -1,7 +1,5 @@
 """The colours of all drawings, safe for colour-blind readers (Okabe and Ito, 2008)."""
 
-from __future__ import annotations
-
 BACKGROUND = "#ffffff"
 TEXT = "#1f2933"
 FAINT = "#6b7785"

@@ -1,7 +1,5 @@
 """Structures as a browser shows them, few triangles, small enough for a colour each; and as PLY files."""
 
-from __future__ import annotations
-
 import base64
 from dataclasses import dataclass
 from typing import Any

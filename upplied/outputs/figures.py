@@ -1,7 +1,5 @@
 """PNG figures of structures and plans, without a display, OpenGL or a GPU: rays of `geometry.scene` draw."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Titles of columns and measures: the tables of `labels.toml`."""
 
-from __future__ import annotations
-
 import tomllib
 from importlib import resources
 from typing import Any

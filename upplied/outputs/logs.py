@@ -4,8 +4,6 @@ The structure is moved and turned in the log's fixed frame; a metadata record ``
 its ID and the mount of the camera.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

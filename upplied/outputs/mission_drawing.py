@@ -1,7 +1,5 @@
 """A mission as a pilot reads it, as SVG: a map, north up, and the heights over the distance flown."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -55,7 +53,9 @@ class MissionDrawing:
     return_m: float = float("nan")  # height of an automatic return above home
 
     @classmethod
-    def of_missions(cls, missions: Sequence[Mission], structure: Structure, camera: Camera) -> MissionDrawing:
+    def of_missions(
+        cls, missions: Sequence[Mission], structure: Structure, camera: Camera
+    ) -> "MissionDrawing":
         """The sorties of a plan."""
         flights = [Flight(one.local, one.quat_xyzw, one.inspect, one.photo) for one in missions]
         first = missions[0]
@@ -63,7 +63,7 @@ class MissionDrawing:
         return cls(structure, flights, camera, *place)
 
     @classmethod
-    def of_plan(cls, plan: Plan, structure: Structure, camera: Camera) -> MissionDrawing:
+    def of_plan(cls, plan: Plan, structure: Structure, camera: Camera) -> "MissionDrawing":
         """The path of a plan, with a photo at each viewpoint."""
         path, photo = plan.trajectory, plan.is_viewpoint
         assert path is not None and photo is not None

@@ -1,7 +1,5 @@
 """The pilot's options of a mission."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

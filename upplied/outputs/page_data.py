@@ -1,7 +1,5 @@
 """The data of the pages of a fleet, of a structure and of a demonstration."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any

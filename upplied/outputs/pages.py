@@ -4,8 +4,6 @@ Data enters a page only as JSON in a block that is not executed, with every ``<`
 escaped; the page's script writes it as text, never as markup.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -1,7 +1,5 @@
 """The data of a transfer's page: both paths with what happens along them, and the figures of each preset."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields

@@ -1,7 +1,5 @@
 """The rows of the fleet's page: one per demonstration and target, those first that need a person."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Photos as pixels, and crops of those of findings; files that are no pictures, or too large, are refused."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """The report folder: tables, pages, pictures and missions, each replaced whole where something changed."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

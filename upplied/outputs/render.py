@@ -1,7 +1,5 @@
 """Pictures and missions from a catalog, by ID, for `upplied render`, `export` and `brief`."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Sequence

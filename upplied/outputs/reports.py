@@ -1,7 +1,5 @@
 """The data of a fleet's pages, read from the catalog; each expensive part once."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache

@@ -1,7 +1,5 @@
 """The sample fleet as files: meshes in mixed formats, a manifest, and flight logs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

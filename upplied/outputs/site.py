@@ -1,7 +1,5 @@
 """The pages of a fleet, its plans, structures and demonstrations, in a folder or made when opened."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial

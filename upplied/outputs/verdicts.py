@@ -1,7 +1,5 @@
 """A transfer in sentences: flyable or not, the reason, warnings; and its flights, flown or simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property

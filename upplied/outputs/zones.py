@@ -1,7 +1,5 @@
 """The required zones of a structure, as planned, as flown and by a mission: met, missed or unattainable."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 What one module alone needs stands there. The documentation has a page of all of them, with the evidence.
 """
 
-from __future__ import annotations
-
 # Surfaces and their parts.
 FRAGMENT = 0.002  # share of the surface below which a piece or stretch is no part of its own
 LEAST_PART = 0.01  # share of the surface from which a part counts when parts are counted, and may be a blade

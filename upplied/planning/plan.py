@@ -1,7 +1,5 @@
 """The whole method on one page: one demonstration, one target, one plan (paper, Fig. 2)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

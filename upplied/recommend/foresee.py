@@ -8,8 +8,6 @@ Lines of sight need neither the mesh nor the ray caster, so that queries need no
 opaque disc. That differs from the mesh where surfaces are nearer to each other than their samples.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

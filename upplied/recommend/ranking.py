@@ -5,8 +5,6 @@ registered, and the visibility of their inspected surface on the target is predi
 cached by content in the catalog's cache; plans reuse the clouds and registrations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ The features of a structure are a few numbers, for fast comparison of thousands.
 that queries need no mesh; few files contain thousands of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 

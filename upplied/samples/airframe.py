@@ -3,8 +3,6 @@
 Only the frame of the mesh is known: nose or road along +X, Z up; an airplane's plane of symmetry at y = 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple

@@ -6,8 +6,6 @@ dimensions are those the makers publish for airport planning (length, span, heig
 positions); chords and fillets in between are drawn to match them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -92,7 +90,7 @@ class AirlinerShape:
     endplate_m: float = 0.0  # height of the fins at the stabiliser's tips, 0: none
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> AirlinerShape:
+    def of(cls, values: Mapping[str, Any]) -> "AirlinerShape":
         """The shape of a table of `shapes.toml`."""
         wings = {name: Wing(**values[name]) for name in ("wing", "stabiliser", "fin")}
         hump = Hump(**values["hump"]) if "hump" in values else None

@@ -1,7 +1,5 @@
 """The sample fleet: fourteen structures of five kinds."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace

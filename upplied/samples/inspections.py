@@ -3,8 +3,6 @@
 A route is coarse: the simulated hand (`upplied.samples.pilot`) rounds it and adds clearance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ has a tower, a nacelle, a hub and three blades, the hub along +X. A bridge is a 
 piers between two abutments, the road along X.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

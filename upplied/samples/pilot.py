@@ -4,8 +4,6 @@ The human hand has uneven speed, pauses to look, drift, and a gimbal that follow
 always stays at its distance from the structure and from the ground, also between the logged poses.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import zlib

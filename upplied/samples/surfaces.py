@@ -4,8 +4,6 @@ Every primitive has a fixed grid: the same part of two members of a kind has the
 order, and a point of the one has a known counterpart on the other.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ server's own, or from another site's page, are refused unread. The login's cooki
 browsers send it to every port of a machine: changes need a token, which only open pages of this port have.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import hmac

@@ -1,7 +1,5 @@
 """The pages of a report folder, built from the catalog on request, and checked decisions about plans."""
 
-from __future__ import annotations
-
 import io
 import json
 import threading

@@ -4,8 +4,6 @@ The pages are those of a report folder, built from the current catalog. A signed
 release, reject, export and edit; without a login only the page for signing in is served.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import secrets
@@ -184,7 +182,7 @@ class Server:
         self._server.run(sockets=[self._socket])
 
     @contextmanager
-    def running(self) -> Iterator[Server]:
+    def running(self) -> "Iterator[Server]":
         thread = threading.Thread(target=self.run, daemon=True)
         thread.start()
         try:

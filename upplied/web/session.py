@@ -1,7 +1,5 @@
 """The requests of the studio's page: draw a plan; judge, plan again, store and decide about a change."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -38,7 +36,7 @@ class Sessions:
         self._lock, self._stages = threading.Lock(), dict[str, str]()
         self._session = lru_cache(_MOST_OPEN)(partial(self._opened, catalog))
 
-    def _opened(self, catalog: Catalog, plan: str) -> Session:
+    def _opened(self, catalog: Catalog, plan: str) -> "Session":
         return Session(catalog, plan, partial(self._stages.__setitem__, plan))
 
     def answer(self, request: Mapping[str, Any], plan: str, what: str) -> dict[str, Any]:

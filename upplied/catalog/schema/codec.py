@@ -4,8 +4,6 @@ Each array is a column, with its shape in the field's metadata; the rest is JSON
 beside the hash of the whole content.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Plans to rows and back; what comes back equals what went in."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Records to rows and back; what comes back equals what went in."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields

@@ -1,7 +1,5 @@
 """Timed poses as rows of `poses` and `waypoints`, one row per step, and back."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

@@ -13,8 +13,6 @@ one would misread, which then refuses; newer ones read older tables as they are.
   (`before_sha256`; the first one all of before). The steps of a commit are a file (`catalog.store.delta`).
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from functools import cached_property
@@ -89,7 +87,7 @@ class Table:
         return BEFORE_SHA256 in self.names
 
 
-def _rows(name: str) -> csv.DictReader[str]:
+def _rows(name: str) -> "csv.DictReader[str]":
     return csv.DictReader(files(__package__).joinpath(name).read_text(encoding="utf-8").splitlines())
 
 

@@ -5,8 +5,6 @@ one (`head_of`) can tell that no row was changed since. Of a log each entry, or 
 that none before it states, the newest `opening.Heads`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

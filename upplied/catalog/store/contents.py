@@ -4,8 +4,6 @@ And the memo: any record of arrays and scalars as one Parquet file, found by sta
 that a result depends on; a file that does not match its stage, key and hash is computed again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -75,7 +73,7 @@ class StoredLooks(Record):
         return certain.patch if certain.inspected is None else certain.patch[certain.inspected > 0]
 
     @property
-    def certain(self) -> StoredLooks:
+    def certain(self) -> "StoredLooks":
         """The looks that do not depend on a correction of the log."""
         if self.assumed is None:
             return self

@@ -1,7 +1,5 @@
 """One Delta table: whole commits of rows, only appended, many writers, and readers that see one moment."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Collection, Iterator
 from contextlib import closing, nullcontext
@@ -144,7 +142,7 @@ class StoredTable(OpenTable):
 
         return self._insist(once)
 
-    def beside(self) -> StoredTable:
+    def beside(self) -> "StoredTable":
         """The same table, opened anew: for who works on it while others write through this one."""
         return StoredTable(self._root, self.declared, self._identity)
 

@@ -1,7 +1,5 @@
 """Whole files or none, in a folder or an object store; where a catalog and its cache lie; and locks."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

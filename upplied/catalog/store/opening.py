@@ -5,8 +5,6 @@ commit that somebody saw, with the hash of its entry: a log that ends before it 
 Conflicts that delta-rs raises when many commit at once are tried again here: else rows would be lost.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The way in: records become rows, steps first, then the rows that own them."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ A run's settings come over a structure's, those over its kind's, those over the 
 of a set of zones the newest version counts.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

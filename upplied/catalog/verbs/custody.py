@@ -1,7 +1,5 @@
 """Whether bytes are as they were written, steps those that rows own, and plans those that were released."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

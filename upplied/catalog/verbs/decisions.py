@@ -3,8 +3,6 @@
 Each release names the last decision that it knew of; of two at once the second commit does not count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ With it go README, licence, data dictionary, ``splits.json`` (which side of lear
 ``dataset.json``: the dataset's name (``name-v1``), where it came from, and the hash of every other file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

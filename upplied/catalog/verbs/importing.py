@@ -1,7 +1,5 @@
 """A folder that `exporting` wrote into a catalog, once all of it was checked; a second time adds nothing."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields

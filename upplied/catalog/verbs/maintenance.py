@@ -4,8 +4,6 @@ Small data files become large ones, ordered so that what is read together lies t
 compaction mixes the rows of its files: one trajectory then lies in many row groups.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

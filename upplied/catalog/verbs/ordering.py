@@ -5,8 +5,6 @@ one before; it does not count where somebody decided meanwhile (`after` names th
 A rejected or recalled plan is not in force, and none takes its place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter

@@ -5,8 +5,6 @@ and the others lead through it. What did not change is linked from the generatio
 its readers. ``published.json`` tells its catalog, how far that had come, and how the files are cut.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -142,7 +140,7 @@ class Generation:
     weights: dict[str, dict[str, int]] = field(default_factory=dict)  # table -> kind -> rows or steps
     files: int = 0
 
-    def has_same(self, name: str, before: Generation) -> bool:
+    def has_same(self, name: str, before: "Generation") -> bool:
         """Whether a table has the rows that were published before, and this program says the same of them."""
         now, then = ((one.catalog, one.columns, one.added.get(name)) for one in (self, before))
         return now == then

@@ -1,7 +1,5 @@
 """A plan from its row: what went in, so that it can be planned again and compared byte for byte."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 

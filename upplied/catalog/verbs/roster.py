@@ -3,8 +3,6 @@
 Without it everybody may and nothing is signed. It is ``roster.json`` beside the tables or ``UPPLIED_ROSTER``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import unicodedata

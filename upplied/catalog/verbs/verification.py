@@ -1,7 +1,5 @@
 """Checks of everything that a catalog holds against what its rows say."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import reduce

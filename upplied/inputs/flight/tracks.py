@@ -1,7 +1,5 @@
 """A track: timed poses of one thing as a log tells them, before they are cleaned."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -48,7 +46,7 @@ class Track(Record):
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def keep(self, good: Bools, reason: str) -> Track:
+    def keep(self, good: Bools, reason: str) -> "Track":
         """The good samples; the others are counted as dropped for this reason."""
         if good.all():
             return self
@@ -56,23 +54,23 @@ class Track(Record):
         dropped[reason] += int((~good).sum())
         return replace(self.take(good), dropped=dropped)
 
-    def during(self, known: Bools, what: str) -> Track:
+    def during(self, known: Bools, what: str) -> "Track":
         """The samples for which something else is known; missing at the ends it is no fault of the log."""
         ends = np.full(len(self), known.any())
         if len(inner := np.flatnonzero(known)):
             ends[inner[0] : inner[-1] + 1] = False
         return self.keep(~ends, f"no {what}{AT_THE_ENDS}").keep(known[~ends], f"no {what}")
 
-    def noted(self, note: str) -> Track:
+    def noted(self, note: str) -> "Track":
         """The same with a note more."""
         return replace(self, notes=(*self.notes, note))
 
-    def turned(self, turn: Rotation, positions: Floats) -> Track:
+    def turned(self, turn: Rotation, positions: Floats) -> "Track":
         """The same in another frame: turned, at these positions."""
         turned = turn * Rotation.from_quat(self.quat_xyzw)
         return replace(self, positions=positions, quat_xyzw=turned.as_quat())
 
-    def take(self, index: Ints | Bools) -> Track:
+    def take(self, index: Ints | Bools) -> "Track":
         """The samples of this index."""
         parts = ((name, getattr(self, name)) for name in _OF_SAMPLES)
         return replace(self, **{name: part[index] for name, part in parts if part is not None})

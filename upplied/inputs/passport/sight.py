@@ -3,8 +3,6 @@
 A pilot looks a little left and right of the nearest surface; a wrong heading holds or turns the aim aside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

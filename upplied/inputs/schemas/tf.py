@@ -3,8 +3,6 @@
 A chain has the stamps of its busiest link; others are interpolated, never across a gap; static links hold.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Pictures by casting rays: a shaded surface with tubes in front of it and, faintly, behind it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 

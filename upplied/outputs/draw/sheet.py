@@ -1,7 +1,5 @@
 """A sheet of panels with title, labels, scale bars and a legend, as PNG."""
 
-from __future__ import annotations
-
 import io
 import unicodedata
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Paths and camera frusta as slender triangle meshes, so that rays draw them like everything else."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From where a picture is taken: directions, and frames that map pixels to rays and points to pixels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 As text files of TUM's format, which ``evo`` reads, they are paths alone.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -5,8 +5,6 @@ quaternion x y z w, continuous); the action is the pose of the next frame. What 
 stands beside each episode in ``meta/episodes``, and what a person should know in ``README.md``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter

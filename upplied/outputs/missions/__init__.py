@@ -1,7 +1,5 @@
 """Mission files for autopilots and maps; a module per format."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

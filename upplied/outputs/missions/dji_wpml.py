@@ -4,8 +4,6 @@ Written after the element tables of DJI's Cloud API documentation, both files al
 take-off. No DJI software has read or flown it here: check it on the controller before a flight.
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Mapping

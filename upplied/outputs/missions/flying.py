@@ -4,8 +4,6 @@ A vehicle that passes a waypoint at speed leaves its leg some metres before it a
 behind it. The curve lies in the triangle of these points, so the whole triangle must obey the rules.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -56,7 +54,7 @@ class Flying:
     note: str = ""  # settings that the pilot must make, because the file cannot contain them
 
     @classmethod
-    def of(cls, format: str, firmware: str = "") -> Flying:
+    def of(cls, format: str, firmware: str = "") -> "Flying":
         """The entry of a format in the table of formats."""
         stated = dict(_TABLE[_TABLE[format].get("like", format)])
         notes = stated.pop("notes", {})

@@ -4,8 +4,6 @@ It judges the path that is read again from the bytes of the file, from take-off 
 are recorded in the notes of the mission, and in its file if the format has room for text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 

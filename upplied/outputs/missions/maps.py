@@ -1,7 +1,5 @@
 """Missions as tables and maps: CSV for scripts, Litchi's CSV, GeoJSON for GIS, and KML for map viewers."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -3,8 +3,6 @@
 Mission Planner and MAVProxy read text (QGC WPL 110), QGroundControl a plan in JSON.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The plan as MCAP for Foxglove and ROS 2, in the structure frame: path, camera, frusta and surface."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

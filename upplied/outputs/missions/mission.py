@@ -1,7 +1,5 @@
 """Missions from a plan: sorties, transit legs, corners, photos, the gate, and the fence for the autopilot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Photos of a mission: their waypoints, and the trigger interval of the camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

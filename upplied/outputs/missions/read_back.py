@@ -4,8 +4,6 @@ The gate judges this path instead of the plan. Places on the Earth are converted
 of the structure, heights above take-off by the home of the mission.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -59,7 +57,7 @@ def read_mcap(content: bytes) -> Reading:
     return planned(positions, np.array([each.log_time_ns for each in poses], float) * 1e-9)
 
 
-def _whole(local: Floats, file: _File, home: Floats) -> Reading:
+def _whole(local: Floats, file: "_File", home: Floats) -> Reading:
     """Vertical legs from home to the height of the first waypoint, and from that of the last to home."""
     up, down = (np.array([[home[0], home[1], at[2]]]) for at in (local[0], local[-1]))
     unknown, speeds = np.full(2, np.nan), np.array([stop.speed for stop in file.stops])

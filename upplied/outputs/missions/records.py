@@ -1,7 +1,5 @@
 """A mission: the commands of an autopilot, in degrees and metres on the Earth (by pymap3d)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import pairwise
 

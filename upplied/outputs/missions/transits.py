@@ -5,8 +5,6 @@ need be along the roadmap of `planning.airspace`, and comes back alike. An inspe
 home exists, the cut waypoint in both sorties.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 

@@ -4,8 +4,6 @@ What comes a little too near is pushed out, smoothly along the path. What leads 
 is led round it. What cannot be repaired is refused with the reason and the place.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cached_property
 

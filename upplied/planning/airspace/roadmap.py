@@ -5,8 +5,6 @@ tested along its whole length, and only what hangs together with that box is kep
 hull, or a pocket that cannot be left, is no way.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -6,8 +6,6 @@ pieces that could still matter are halved, on the unsigned distance (real meshes
 Positions that come a little too near are pushed out smoothly along the path.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -95,7 +93,7 @@ class _Pieces(Rows):
         circle = np.sqrt(np.maximum(self.free_a**2 - plane**2, 0))
         return np.where(plane <= 0, self.free_a, np.where(plane >= length, self.free_b, circle))
 
-    def halved(self, scene: Scene) -> _Pieces:
+    def halved(self, scene: Scene) -> "_Pieces":
         """Both halves of each piece; the first halves come first and end in the new points."""
         if len(self.leg) == 0:
             return self
@@ -157,7 +155,7 @@ class Airspace(Record):
         broken[fine] = legs_below(self.scene, start[fine], end[fine], self.clearance_m)
         return np.asarray(broken, bool)
 
-    def in_plane(self, height_m: float) -> Airspace:
+    def in_plane(self, height_m: float) -> "Airspace":
         """The part of it within 5 cm of a horizontal plane."""
         low, high = height_m - _BAND_M, height_m + _BAND_M
         band = replace(self.surroundings, ground_z_m=low, ceiling_z_m=high)

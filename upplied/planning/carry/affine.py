@@ -5,8 +5,6 @@ the camera with it: what was in the middle of the picture stays in the middle. T
 refined one by one after that (Alg. 2, Eq. 3).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The takes of a demonstration on the target, before any is optimised (paper, Alg. 2, lines 14 to 16)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ An engine has a twin under the other wing, and may have four on the target. Wher
 on scans, points have nearest neighbours still and a plan good figures, of the wrong engine. So it asks first.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ Who asks for each engine, or for the outer one, asks about their number. A scan 
 or lies in pieces that nothing recognizes, has one that is flown in its place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 

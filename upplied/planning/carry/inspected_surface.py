@@ -1,7 +1,5 @@
 """Which points of the target correspond to what the demonstration was about, and how near to show them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -44,7 +42,7 @@ class InspectedSurface(Record):
         return 100 * self.without / self.whole if self.whole > 0 else float("nan")
 
     @classmethod
-    def together(cls, parts: Sequence[InspectedSurface]) -> InspectedSurface:
+    def together(cls, parts: "Sequence[InspectedSurface]") -> "InspectedSurface":
         """What several flights over one target should show, each adding its need."""
         if len(parts) == 1:
             return parts[0]

@@ -7,8 +7,6 @@ what is in the middle of the picture: the rest of what the expert saw lies farth
 structure, partly outside of the picture, and says nothing of how near the camera is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ Where a sibling labelled the parts, source and sibling, and sibling and target, 
 which part is which. What both ways lead to is more certain than either; where they lead to different parts,
 one of them is wrong, and each speaks against the other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

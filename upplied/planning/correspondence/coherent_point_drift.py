@@ -7,8 +7,6 @@ diagonal, this by 0.02 %). Points of matched parts pull only each other, and eac
 displacement of its own, an engine beside its wing. `brought_onto` knows no parts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -5,8 +5,6 @@ bottom of the other, and an inner engine to an outer one where that is nearer. S
 then points within them, warped and facing the same way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

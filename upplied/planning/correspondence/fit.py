@@ -1,7 +1,5 @@
 """Two clouds of one sort, how one is registered on the other, and what corresponds to what."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +25,7 @@ class Fit(Record):
     inferred: int = -1
     # (M,) the source's part that a smooth displacement alone brings onto each target sample, -1 where none
     carried: Ints | None = None
-    labelling: Labelling | None = None  # where a sibling labelled the parts
+    labelling: "Labelling | None" = None  # where a sibling labelled the parts
 
     @property
     def registered(self) -> Cloud:

@@ -7,8 +7,6 @@ one name that touch are one part, and where the displacement brings nothing, wha
 found already is another one of its kind: the outer engine of an airliner beside the inner one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components

@@ -1,7 +1,5 @@
 """How planning remembers what it finds out: by content, through whatever it is given to remember with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 

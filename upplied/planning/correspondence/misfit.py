@@ -6,8 +6,6 @@ without a unit: how much of the space that one occupies the other occupies too, 
 beyond the spacing of their samples, and how unevenly the boxes had to be stretched.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

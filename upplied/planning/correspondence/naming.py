@@ -1,7 +1,5 @@
 """Parts in words: by landmarks and by their place in the structure, since meshes give them no names."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A displacement that brings the source onto what was scanned brings the rest of i
 target is likely to be. Nobody knows more of that, so a path keeps clear of it, and nothing of it is shown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

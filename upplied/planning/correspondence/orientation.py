@@ -4,8 +4,6 @@ Principal axes with their 24 proper assignments and a grid of headings give the 
 judged with the boxes matched, both ways, normals counted; the best few are refined by ICP. A
 symmetric structure has no orientation of its own: then the declared heading decides, and that is said."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 from typing import Literal

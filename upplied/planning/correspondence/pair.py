@@ -1,7 +1,5 @@
 """What is found out once about a pair of structures, whoever flew and whatever was inspected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -83,7 +81,7 @@ class Pair(Record):
         """The fit that a preset plans on: with normals where it asks what is truly seen."""
         return self.surface if settings.visibility.occlusion else self.voxels
 
-    def with_samples(self, source: Grained, target: Grained) -> Pair:
+    def with_samples(self, source: "Grained", target: "Grained") -> "Pair":
         """The same pair by other samples of both surfaces; parts correspond as they did."""
         match, registration = self.surface.correspondences, self.surface.registration
         labels = None if self.surface.carried is None else self.surface.carried[target.even]
@@ -128,7 +126,7 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
     return pair_of(surfaces_of(source, target, settings, memo), settings)
 
 
-def pair_of(surfaces: Task, settings: Settings, labelled: Fit | None = None) -> Pair:
+def pair_of(surfaces: "Task", settings: Settings, labelled: Fit | None = None) -> Pair:
     """A pair by the fit of its surfaces, or by one whose parts a sibling labelled."""
     source, target, memo = surfaces.source, surfaces.target, surfaces.memo
     scenes, fit = (scene_of(source), scene_of(target)), surface_fit(surfaces)
@@ -191,7 +189,7 @@ class Task(Record):
         found = self.remembered("carried", PartLabels, lambda: PartLabels(carried(*of)))
         return replace(fit, carried=found.label)
 
-    def labelled(self, clouds: tuple[Cloud, Cloud], by: str) -> Task:
+    def labelled(self, clouds: tuple[Cloud, Cloud], by: str) -> "Task":
         """The same of clouds whose parts another structure labelled."""
         return replace(self, clouds=clouds, names=(*self.names, f"parts by {by}"))
 

@@ -2,8 +2,6 @@
 where blades are known of one structure alone, with the rotor turned as it fits the other's surface best.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ parts are matched before points: an assignment over all parts, then exchanges th
 which touch each other keep touching.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -5,8 +5,6 @@ axis other scales are tried too, from either end, and the best ways are refined 
 both. Where the scan is open, what of the source lies beyond an opening counts for no way and against none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple

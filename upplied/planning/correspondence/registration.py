@@ -1,7 +1,5 @@
 """Convergence check: how the target lies on the demonstration structure, and whether it fits (Sec. III-A)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

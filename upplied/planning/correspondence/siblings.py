@@ -6,8 +6,6 @@ of its parts that were matched without the sibling must be matched with it, and 
 asks whether both ways lead to the same part.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

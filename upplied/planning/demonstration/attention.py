@@ -10,8 +10,6 @@ sharp. What tells a subject from its background is how completely its part of th
 5. Weight: whether the sample was shown, times how complete its part is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

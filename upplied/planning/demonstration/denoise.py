@@ -10,8 +10,6 @@ A hover is one place with a beginning and an end. In between, the flight is give
 shape asks for: straight lines between them leave it by no more than a few centimetres, whatever its length.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """What the expert looked at, and the viewpoints of the flight (paper, Alg. 2, lines 1 to 13)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial

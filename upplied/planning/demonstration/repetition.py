@@ -4,8 +4,6 @@ That is what inspectors do: who showed one engine wants to see all four. How far
 and incidence widen what counts as sharp is asked of all takes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

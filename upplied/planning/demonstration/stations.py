@@ -1,7 +1,5 @@
 """The stations by which a flight is given: as dense as its shape asks for, its pauses, and its viewpoints."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clouds of points: boxes made equal (paper, Sec. III-A), spacing, ICP with PCL's score, percentiles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

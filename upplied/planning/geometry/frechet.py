@@ -5,8 +5,6 @@ shortest leash that lets them both arrive. Whether a leash suffices is decided o
 by row, in the band of columns that can be reached; the shortest one is bisected.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

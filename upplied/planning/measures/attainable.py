@@ -6,8 +6,6 @@ left then tries the positions that served its neighbours, which finds the narrow
 is proven by a position; a `False` means that none of some seven hundred does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ demonstration saw, and for what it was about? `visibility.observations`: which p
 least as well as the expert did.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What a plan shows of what was inspected, how finely, and how like the demonstration, and how steadily."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -65,7 +63,7 @@ class Compared(Record):
         inspected: InspectedSurface,
         takes: Sequence[Take],
         settings: Settings,
-    ) -> Compared:
+    ) -> "Compared":
         """A plan that truly has these views."""
         limits, steps = look_limits(takes, settings.inspection), moments(plan)
         looks = sharp_looks(steps, seen, inspected.cloud, takes[0].inspection.camera, *limits)

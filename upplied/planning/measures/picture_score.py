@@ -4,8 +4,6 @@ Written from its published formula: a picture of a point is worth ``q_seen * q_b
 below a fifth; a point is worth its best picture.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -4,8 +4,6 @@ A plan of `recommended` that falls short is refused. Plans for comparison (`pape
 measures and carry the verdict beside them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 

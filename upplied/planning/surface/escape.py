@@ -8,8 +8,6 @@ and a model may have: ducts, sheets, hulls without a deck.
 An open bottom counts as closed by the floor: hulls, houses and tanks come without one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -60,7 +58,7 @@ class Floor(Record):
         return through
 
     @classmethod
-    def none(cls) -> Floor:
+    def none(cls) -> "Floor":
         """No floor at all."""
         return cls(0.0, np.zeros(2), 1.0, np.zeros((1, 1), bool))
 

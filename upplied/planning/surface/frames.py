@@ -5,8 +5,6 @@ axes. A plan must not: the same structure, flight and target in other axes get t
 So everything is brought to axes that follow from the structure alone, planned there, and carried back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any, TypeVar

@@ -7,8 +7,6 @@ frame. Where the surface moves by a millimetre so do the points, and only at its
 Of many points few are chosen: one for each voxel (paper, Sec. III-A), or such as keep apart (Poisson discs).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

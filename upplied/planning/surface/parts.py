@@ -5,8 +5,6 @@ neighbours and pieces of one compact body each other. What there is then is only
 `correspondence.part_assignment` accepts a part where the other structure has one like it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,7 +49,7 @@ class Parts(Record):
         """(K, 3) m, centre of each box."""
         return (self.low + self.high) / 2
 
-    def in_axes(self, quarters: Floats) -> Parts:
+    def in_axes(self, quarters: Floats) -> "Parts":
         """The same parts in axes turned by right angles, ``p' = quarters @ p``; about the vertical."""
         ends = self.low @ quarters.T, self.high @ quarters.T
         axis = np.abs(quarters[:2, :2]).argmax(axis=1)
@@ -64,7 +62,7 @@ class Parts(Record):
         own = np.stack([self.low.min(axis=0), self.high.max(axis=0)])
         return own if self.registered is None else self.registered
 
-    def on(self, source: Parts) -> Parts:
+    def on(self, source: "Parts") -> "Parts":
         """The same parts, registered on a source: what was never scanned of them shifts no middle."""
         return replace(self, registered=source.box)
 

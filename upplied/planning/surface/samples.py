@@ -8,8 +8,6 @@ The even samples tell how a structure is built and what stands in the way; an en
 each one to four hundredths of it. What was inspected, and its counterpart, have fine ones however small.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ in forty, or welded to its neighbour. So many samples are joined over short dist
 one stands out of the tangent plane of the other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

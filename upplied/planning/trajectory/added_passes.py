@@ -4,8 +4,6 @@ Passes run beside the demonstrated ones on lanes of the surface (`lanes`), over 
 needed (`arrangement`). They are flown after the flight, once more round or back along it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +34,7 @@ class Extended(Record):
     passes_s: float = 0.0  # that the passes take at the pace of the flight
 
     @classmethod
-    def alone(cls, path: Flown) -> Extended:
+    def alone(cls, path: Flown) -> "Extended":
         """A path without passes."""
         return cls(path, np.arange(len(path)), np.zeros(len(path), bool))
 
@@ -68,7 +66,9 @@ class Beside(Record):
     pace: Pace
 
     @classmethod
-    def of(cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float, most: int) -> Beside | None:
+    def of(
+        cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float, most: int
+    ) -> "Beside | None":
         """The lanes beside a path; None where nothing is to be shown from them.
 
         Parameters

@@ -1,7 +1,5 @@
 """A carried flight completed: safe, as much like the demonstrated one as asked, showing what it showed."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Paths as they are flown: safe, with stations close together, and little longer than there is time for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ A swath is what the camera shows finely enough across its way. Lanes follow the 
 bend with it, and they end where it ends.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 
@@ -183,7 +181,7 @@ class Cover(Record):
     stations: int
 
     @classmethod
-    def of(cls, lanes: Lanes, need: Floats) -> Cover:
+    def of(cls, lanes: Lanes, need: Floats) -> "Cover":
         """The samples that any lane shows; each lies before the place that is nearest to it of those."""
         row, lane, sample = np.nonzero(lanes.shows)
         apart = np.linalg.norm(lanes.surface[row, lane] - lanes.points[sample], axis=1)

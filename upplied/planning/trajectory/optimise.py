@@ -3,11 +3,9 @@
 The state is a smooth displacement of a start and of its camera's directions. Every problem is a term, a file
 in `terms`, with a weight that says what its unit is worth as a share of the surface to be shown
 (`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. Of several starts the one
-that is worth most is optimised, the carried path itself where no other is worth much more. That is flown as
-it is where the result is worth no more.
+that is worth most is optimised, among equals the carried path itself. That is flown as it is where the result
+is worth no more.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +33,6 @@ _DEARER = 10.0  # times as dear to come too near, in each further round: so that
 _EARLY = WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
 #: Of the need, by which one path is no better than another: as near as coverage is known.
 ALIKE = 0.01
-_LEAD = 0.08  # by which another start must be worth more than the carried path: the search mends less
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -62,7 +59,7 @@ class Problem(Record):
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
 
-    def along(self, path: Flown, origin: Ints, added: Bools, best: Flown) -> Problem:
+    def along(self, path: Flown, origin: Ints, added: Bools, best: Flown) -> "Problem":
         """The same for a path with stations added to its own; `origin` is the own one that each belongs to.
 
         It starts from that path, and from it with its own stations on the best path without added ones.
@@ -86,7 +83,7 @@ class Problem(Record):
 class Optimised(Record):
     """The result of a search."""
 
-    search: _Search
+    search: "_Search"
     variables: Floats
 
     @property
@@ -99,7 +96,7 @@ class Optimised(Record):
         """What the variables are of."""
         return self.search.state
 
-    def partly(self, share: float) -> Optimised:
+    def partly(self, share: float) -> "Optimised":
         """Of the way from the start to the result, this share."""
         first = self.search.first
         return replace(self, variables=first + share * (self.variables - first))
@@ -125,7 +122,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
     first = [search.value(search.first, search.first_sight) for search in searches]
-    carried, search = searches[0], searches[int(np.argmax(np.array(first) >= max(first) - _LEAD))]
+    carried, search = searches[0], searches[_as_good(first)[0]]
     worth, variables = search.improved()
     least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
     if worth < carried.worth(carried.first, carried.first_sight) + ALIKE or search.shown(variables) < least:
@@ -160,7 +157,7 @@ class _Search(Record):
         need: Floats,
         shape_weight: float,
         weights: OptimiseSettings,
-    ) -> _Search:
+    ) -> "_Search":
         state, shape = _state(problem, start, weights), problem.demonstrated
         first = state.nearest(start.safe)
         leaving = Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem))

@@ -4,8 +4,6 @@ A flight is asked for those samples of a zone that it can show from within two o
 path that is carried to the target with its camera turned anywhere, or from a place beside it. What lies
 elsewhere is for another flight, and does not make this one worse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ vehicle's, what the curve allows, or what the turning camera allows, and that ca
 in time (`trajectory.speeds`). All limits hold for Euclidean norms, curves and braking together.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -45,7 +43,7 @@ def retime(
     flight: Trajectory,
     settings: RetimeSettings,
     breaks: Ints | None = None,
-    sharp: Sharp | None = None,
+    sharp: "Sharp | None" = None,
 ) -> Timed:
     """Give a path its times.
 

@@ -4,8 +4,6 @@ No term: the path comes first, and its time stamps after. Flying more slowly sho
 what is shown while it smears in the picture is not inspected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ so that a speed between two allowed ones is allowed, hence the pass back breaks 
 every limit holds when both are done, without any repair.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

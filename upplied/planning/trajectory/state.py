@@ -1,7 +1,5 @@
 """What the optimisation varies: a smooth displacement of the demonstrated path and of its camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -55,7 +53,7 @@ class State(Record):
     back: csr_matrix  # (K, M), the same the other way round, by rows
 
     @classmethod
-    def of(cls, base: Flown, unit_m: Floats, controls: int) -> State:
+    def of(cls, base: Flown, unit_m: Floats, controls: int) -> "State":
         """The state with so many control points."""
         basis = _splines(np.linspace(0, 1, len(base)) if len(base) > 1 else np.zeros(1), controls)
         return cls(base, np.append(unit_m, [1.0, 1.0]), basis, basis.T.tocsr())

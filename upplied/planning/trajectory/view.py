@@ -1,7 +1,5 @@
 """What a path is to show of its target: how much each sample is needed, and from how near."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, replace
 
@@ -97,7 +95,7 @@ class Sight(Record):
     @classmethod
     def of(
         cls, path: Flown, stride: int, view: View, samples: Ints, need: Floats, aside_rad: Floats
-    ) -> Sight:
+    ) -> "Sight":
         """Of m samples with their need, by a path whose expert looked so far aside at its stations."""
         # As far again as the widest border reaches: the path moves until lines of sight are asked for again.
         farthest_m = (1 + 2 * WIDEST) * view.farthest_m

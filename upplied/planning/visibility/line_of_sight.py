@@ -4,8 +4,6 @@ The paper's frustum tells only where the camera points. With `VisibilitySettings
 also needs a free line of sight and must not be seen too obliquely. The frustum and the incidence
 are decided first, for all pairs, so that rays are cast only where they matter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ distance times the angle of the picture's middle pixel, over the cosine of the i
 a flat picture pixels cover less; that is not counted, since it would reward looking past a subject.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ A log may hold a hundred poses a second with jitter of centimetres, or two. Aver
 it says about time and motion no longer depends on that.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Optical axis: how far beside the inspected surface the camera points, beyond how far the expert's did."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ the borders of the picture and the farthest distance; the path shows it unless e
 What stands in the way is found by rays from the path as it is, and holds until they are cast again.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +42,7 @@ class Coverage(Record):
     @classmethod
     def of(
         cls, view: View, chosen: Ints, need: Floats, free: Bools, width: float, stride: int = 1
-    ) -> Coverage:
+    ) -> "Coverage":
         """The term for some samples (N,) of a view, with the free lines of sight (M, N) to them.
 
         With a stride, those of every so many stations.
@@ -202,7 +200,7 @@ class Hidden(Record):
     away_m: Floats  # (K,) from the station, as the path was
 
     @classmethod
-    def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> Hidden:
+    def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> "Hidden":
         """The term near a path; without places where nothing is missed that any of them shows.
 
         Parameters

@@ -1,7 +1,5 @@
 """What a path costs by where it is and how it turns: clearance, shape, leaving, stand-off, turning."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,13 +32,13 @@ class Clearance(Record):
     ceiling_m: float
 
     @classmethod
-    def of(cls, airspace: Airspace, path: Flown) -> Clearance:
+    def of(cls, airspace: Airspace, path: Flown) -> "Clearance":
         """The term near a path."""
         closest, _ = airspace.scene.closest(path.positions)
         outward = unit(path.positions - closest)
         return cls(closest, outward, airspace.clearance_m + _BEYOND_M, airspace.floor_m, airspace.ceiling_m)
 
-    def no_nearer(self, least_m: float) -> Clearance:
+    def no_nearer(self, least_m: float) -> "Clearance":
         """The same, for a distance that is wished for and not demanded, without ground and ceiling."""
         return replace(self, least_m=least_m, floor_m=-np.inf, ceiling_m=np.inf)
 
@@ -76,7 +74,7 @@ class Shape(Record):
     station: Ints | None = None  # (M,) of a path with more stations, that it is about; None: all of them
 
     @classmethod
-    def of(cls, demonstrated: Floats, standing: Floats) -> Shape:
+    def of(cls, demonstrated: Floats, standing: Floats) -> "Shape":
         """The shape of a path (M, 3), m, in the target's frame."""
         turned = demonstrated @ standing.T
         return cls(turned - turned.mean(axis=0), standing, float(spread(turned)[1].max()))
@@ -116,7 +114,7 @@ class StandoffKept(Record):
     tolerance: float
 
     @classmethod
-    def of(cls, standoff: Standoff, path: Flown, tolerance: float) -> StandoffKept:
+    def of(cls, standoff: Standoff, path: Flown, tolerance: float) -> "StandoffKept":
         """The term near a path."""
         if len(standoff.station) == 0:
             return cls(standoff, np.ones(0), tolerance)
@@ -176,7 +174,7 @@ class Leaving(Record):
     share: Floats  # (M - 1,) of each leg, what a change over it counts
 
     @classmethod
-    def of(cls, carried: Floats, usual_m: float) -> Leaving:
+    def of(cls, carried: Floats, usual_m: float) -> "Leaving":
         """Leaving a flight (M, 3), m, of a usual stand-off."""
         leg = leg_lengths(carried) / usual_m
         leg = np.maximum(leg, max(_SHORTEST * float(leg.mean()), 1e-6)) if len(leg) else leg
