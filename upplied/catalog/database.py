@@ -60,14 +60,23 @@ class Catalog(Deciding):
     def trajectory(self, transfer_id: str, force: Collection[str] = ()) -> queries.PlannedTrajectory:
         """One planned trajectory, to be flown; it can be asked for its pose at any time.
 
-        Plans that may not be flown are looked at through `plan` and `waypoints`. One that is not known, has
-        no trajectory, or whose steps are not those that were planned, is a `CatalogError`.
+        Plans that may not be flown are looked at through `plan` and `waypoints`.
 
         Parameters
         ----------
+        transfer_id : str
         force : collection of str
             Rules that are overruled: ``preset``, ``verdict``, ``foreign``, ``altered``, ``rejected``,
-            ``recalled``, ``superseded`` (docs/checks.md); one that is broken besides is a `RefusedError`.
+            ``recalled``, ``superseded`` (docs/checks.md).
+
+        Raises
+        ------
+        CatalogError
+            If the transfer is not known, or has no trajectory because it was refused or failed, or its
+            steps are not those that were planned.
+        RefusedError
+            If it is for comparison, falls short of its floors, was rejected or
+            recalled, or another took its place.
         """
         row, broken = self.transfer(transfer_id, _JUDGED), dict[str, str]()
         path = self.path_of(row)  # compared with its hash: it is the one that its verdict is of

@@ -70,9 +70,18 @@ class Settings:
 
 
 def settings_for(preset: str, **changes: Any) -> Settings:
-    """The settings of a preset, with settings of single stages, by their names, replaced.
+    """The settings of a preset, with single stages replaced.
 
-    A `SettingsError` if the preset, a stage, a setting or the type of a value is unknown.
+    Parameters
+    ----------
+    preset : {"paper", "recommended", "baseline"}
+    **changes
+        Stage name to a mapping of setting names to values, e.g. ``route={"clearance_m": 3.0}``.
+
+    Raises
+    ------
+    SettingsError
+        If the preset, a stage, a setting or the type of a value is unknown.
 
     Examples
     --------

@@ -131,7 +131,10 @@ class Decision:
 def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decision:
     """Which plans are missing: demonstrations to all other structures of their kind, or to the named targets.
 
-    An `InputError` where the request names what the catalog does not hold, or a target of another kind.
+    Raises
+    ------
+    InputError
+        If the plan_request names what the catalog does not hold, or a target of another kind.
     """
     plan_request = plan_request or PlanRequest()
     table = catalog.structures()

@@ -38,11 +38,26 @@ def ingest_structures(
     prune: bool = False,
     rules: RuleOptions | None = None,
 ) -> list[Ingested]:
-    """Read the structures of a manifest (`structures.toml` or a CSV) and keep those that are new or changed.
+    """Read the structures of a manifest and keep those that are new or changed.
 
-    An `InputError` if it cannot be read. `workers` are processes (0: one per core); `progress` is called with
-    what became of each file; `prune` retires structures that the manifest no longer names, and with them
-    their plans, whose history stays.
+    Parameters
+    ----------
+    catalog : Catalog
+    manifest : path
+        `structures.toml` or a CSV.
+    workers : int
+        Processes; 0 takes one per core.
+    progress : callable
+        Called with what became of each file.
+    prune : bool
+        Retire structures that the manifest no longer names, and with them their plans; history stays.
+    rules : RuleOptions, optional
+        Which rules are overruled, and their bounds.
+
+    Raises
+    ------
+    InputError
+        If the manifest itself cannot be read.
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     ingested, known = _added(catalog, entries, workers, progress)
@@ -79,11 +94,10 @@ def ingest_demonstrations(
 ) -> list[Ingested]:
     """Read flights of any kind, or folders of them, and keep those that are new or changed.
 
-    Returns what became of every flight, and of what looks like one and cannot be read; the rest tells
-    `passed_over`. An error where a name does not exist, or a rule that is to be overruled does not.
-
     Parameters
     ----------
+    catalog, workers, progress
+        As above.
     logs : paths
         Logs, photogrammetry projects, missions, folders of photos, or folders of all of these; their content
         decides what each is (`upplied.inputs.sources.door`). A project that names no structure brings its own
@@ -92,6 +106,16 @@ def ingest_demonstrations(
         Facts about all of them; among them the rules of their passports that are overruled.
     dry_run : bool
         Read and judge, and keep nothing; there need not be a catalog.
+
+    Returns
+    -------
+    list of Ingested
+        Of every flight, and of what looks like one and cannot be read; the rest tells `passed_over`.
+
+    Raises
+    ------
+    InputError, SettingsError
+        If a name does not exist, or a rule that is to be overruled does not.
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)

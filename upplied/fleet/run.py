@@ -44,9 +44,21 @@ class Resources:
 class Run(AbstractContextManager["Run"]):
     """Plans jobs from one catalog; shards may be worked from any thread.
 
-    The catalog receives the plans of the jobs (of `decide`); `run_id` and `engine`, whose processes these are
-    with the name of its worker, are kept with every row. `progress` is called with each outcome, in the order
-    they come; `plan` plans a job in a worker process, by its name there.
+    Parameters
+    ----------
+    catalog : Catalog
+        Holds the demonstrations and structures, and receives the plans.
+    jobs : sequence of Job
+        From `upplied.fleet.decide`.
+    run_id : str
+        Kept with every row.
+    resources : Resources
+    progress : callable
+        Called with each outcome, in the order they come.
+    engine : str
+        Whose processes these are, with the name of its worker; kept with every row.
+    plan : callable
+        What plans a job in a worker process, by its name there.
     """
 
     def __init__(

@@ -28,7 +28,12 @@ class Cloud(Record):
 
     @property
     def outward(self) -> Floats:
-        """(N, 3) the normals, of surface samples; of other clouds, which have none, a ValueError."""
+        """(N, 3) the normals, of surface samples; other clouds have none.
+
+        Raises
+        ------
+        ValueError
+        """
         if self.normals is None:
             raise ValueError("a cloud without normals: surface samples are required")
         return self.normals

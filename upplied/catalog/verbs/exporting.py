@@ -46,16 +46,26 @@ def export_dataset(
     licence: str,
     attribution: str = "",
 ) -> dict[str, int]:
-    """Write some plans, with all they refer to, as a folder that stands for itself; rows written, by table.
+    """Write some plans, with all they refer to, as a folder that stands for itself.
 
     Parameters
     ----------
-    catalog, folder, name
-        The folder new, or empty; the name with its version, as ``airliners-v1``.
+    catalog : Catalog
+    folder : path
+        New, or empty.
+    name : str
+        With its version, as ``airliners-v1``.
     transfers : DataFrame or sequence of str
         Rows of `Catalog.transfers`, or names of plans.
-    licence, attribution : str
-        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words; whom to name.
+    licence : str
+        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words.
+    attribution : str
+        Whom to name.
+
+    Returns
+    -------
+    dict
+        Rows written, by table.
     """
     place = new_folder(folder)
     if not _NAME.fullmatch(name):

@@ -60,9 +60,17 @@ def compact(catalog: Reading) -> dict[str, int]:
 def vacuum(catalog: Reading, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Removed:
     """Remove what nobody can ask for any more.
 
-    That is: data files that were merged or whose version is older than `keep_days`, at least an hour, so that
-    files of writers at work stay; points and unfinished files of stopped writers, and what their plans see;
-    jobs of killed runs; cache entries unused for longest beyond `cache_bytes`. Rows are never removed.
+    That is: data files that were merged or whose version is older than `keep_days`; points and
+    unfinished files of stopped writers, and what their plans see; jobs of killed runs; cache entries unused
+    for longest beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    keep_days : float
+        Versions younger than this can still be asked for; at least an hour, so that the files of
+        writers at work are left alone.
+    cache_bytes : int
     """
     hours = keep_days * 24
     if not hours >= SHORTEST_KEEP_HOURS:

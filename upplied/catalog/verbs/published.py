@@ -35,15 +35,33 @@ _ABOUT = "published.json"
 
 
 def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:
-    """Publish the current rows of every table as Parquet (``transfers.parquet``, ...); how many, by table.
+    """Publish the current rows of every table as Parquet: ``transfers.parquet`` and so on.
 
+    Parameters
+    ----------
+    catalog : Catalog
+    folder : path
+        Made where it does not exist.
+    force : bool
+        Also replace a publication that is newer, of another catalog, or would shrink to nothing.
+
+    Returns
+    -------
+    dict
+        Rows published, by table.
+
+    Raises
+    ------
+    CatalogError
+        If the folder cannot be written, holds what must not be replaced, or a trajectory is damaged.
+        What was published still is.
+
+    Notes
+    -----
     Transfers are the newest plan of each demonstration, target and preset, but the one in force where a
-    person released one; waypoints and poses are those of the published rows, which are read before them, so
-    no trajectory is published without its points.
-
-    A folder that cannot be written, or holds what must not be replaced without `force` (a publication that is
-    newer, of another catalog, or would shrink to nothing), or a damaged trajectory is a `CatalogError`; what
-    was published still is.
+    person released one; the others stay in the catalog. Waypoints and poses are those of the published
+    rows. The rows that name steps are read before the steps, so no trajectory is published without its
+    points.
     """
     catalog.identity.required()
     place = local_folder(folder)
@@ -61,7 +79,13 @@ def local_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def published_tables(folder: str | os.PathLike[str]) -> dict[str, Path]:
-    """Paths of the tables of the current generation, which stay; a `CatalogError` where there is none."""
+    """Where the tables of the current generation lie: paths that stay as they are while others publish.
+
+    Raises
+    ------
+    CatalogError
+        If nothing is published there.
+    """
     place = Path(folder) / "tables" / "current"
     if not place.exists():
         raise CatalogError(str(folder), "nothing is published there")

@@ -193,11 +193,19 @@ def runs(catalog: Catalog) -> pd.DataFrame:
 
 
 def diff(catalog: Catalog, before: When | int, after: When | int | None = None) -> pd.DataFrame:
-    """What is different between two moments, or versions of `transfers`; `after` is now where it is not said.
+    """What is different between two moments, one row per change, worst loss of coverage first.
 
-    One row per change, worst loss of coverage first: demonstration_id, target_id, preset, change (added,
-    replanned, gone), why (which inputs changed), and for each measure its value before, after, and the
-    difference.
+    Parameters
+    ----------
+    catalog : Catalog
+    before, after : datetime, str or int
+        A moment, or a version of `transfers`; `after` is now where it is not said.
+
+    Returns
+    -------
+    DataFrame
+        demonstration_id, target_id, preset, change (added, replanned, gone), why (which inputs
+        changed), and for each measure its value before, after, and the difference.
     """
     sides = [_current(catalog, before), _current(catalog, after)]
     joined = sides[0].merge(sides[1], how="outer", on=PAIR, suffixes=("_before", "_after"), indicator=True)

@@ -50,7 +50,10 @@ class Recipe:
 def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
     """What the plan of this name was made from: the versions of its inputs, and its settings.
 
-    An input of whose hash none is in the catalog, or settings that this version does not know, are an error.
+    Raises
+    ------
+    CatalogError
+        If an input of that hash is not in the catalog, or the settings are not known to this version.
     """
     row = catalog.transfer(transfer_id)
     flown = _version(catalog, "demonstrations", row["demonstration_id"], row["demonstration_sha256"])

@@ -61,9 +61,15 @@ class Finding:
 def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     """Check every byte, row, count, reference and hash; an empty list means that all is well.
 
-    Rows are those of every version; what a stopped writer left behind and did not commit is no finding.
-    `heads` are hashes of rows as they were noted earlier (`custody.chain_heads`), or how these begin: a row
-    that was taken away since is a finding.
+    Rows are those of every version, not of the current ones alone. Only what is committed counts:
+    points that a stopped writer left behind are no finding.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    heads : collection of str
+        Hashes of rows as they were noted earlier (`custody.chain_heads`), or how these begin: a row that was
+        taken away since is a finding.
     """
     catalog.identity.required()
     if short := [head for head in heads if len(head) < _LEAST_DIGITS]:

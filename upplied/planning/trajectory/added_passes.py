@@ -69,18 +69,9 @@ class Beside(Record):
     def of(
         cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float, most: int
     ) -> "Beside | None":
-        """The lanes beside a path; None where nothing is to be shown from them.
+        """The lanes beside a path (`lanes.lanes_beside`); None where nothing is to be shown from them.
 
-        Parameters
-        ----------
-        path : Flown
-            M stations.
-        view : View
-        ways : Ways
-            Of the target: transits to a pass and on from it lead round what stands in their way.
-        pace : Pace
-        half_rad, most
-            See `lanes.lanes_beside`.
+        Transits to a pass and on from it lead round what stands in their `ways`.
         """
         few = np.flatnonzero(view.need > 0)[:_NEEDED]  # every beginning of samples is spread evenly
         lanes = lanes_beside(path, view, ways.planning, half_rad, few, most) if len(few) else None

@@ -32,29 +32,11 @@ _SHORTENED = 5  # times, until passes are flown in time
 
 
 def propose(carried: Sequence[Carried], settings: Settings) -> Timed:
-    """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
+    """The trajectory planned for one flight, or as many as the demonstration is to be repeated, target frame.
 
-    Parameters
-    ----------
-    carried : sequence of Carried
-        One, or as many as the demonstration is to be repeated.
-    settings : Settings
-
-    Returns
-    -------
-    Trajectory
-        P poses, target frame.
-    array of bool, shape (P,)
-        Which of them are viewpoints.
-    array, shape (P,), s
-        The time of the joined flights (`repetition.joined`) that each corresponds to.
-    array of bool, shape (P,)
-        Which of them are on passes added to the demonstrated ones.
-
-    Raises
-    ------
-    RefusedError
-        If no path keeps what the settings demand.
+    Of its P poses it is told which are viewpoints (P,), to which time of the joined flights
+    (`repetition.joined`) each corresponds (P,), s, and which are on added passes (P,). Refused if no path
+    keeps what the settings demand.
     """
     takes = [one.take for one in carried]
     flight = joined([take.inspection.flight for take in takes])
@@ -94,25 +76,10 @@ def _with_transits(paths: Sequence[Waypoints], ways: Ways) -> list[Waypoints]:
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
-    """A carried flight made safe, and optimised.
+    """A carried flight made safe, and optimised for its own goal: every leg keeps the rules.
 
-    Parameters
-    ----------
-    carried : Carried
-    goal : Goal
-        Its own.
-    settings : Settings
-
-    Returns
-    -------
-    Waypoints
-        Every leg keeps the rules.
-
-    Raises
-    ------
-    RefusedError
-        If no safe path is found, or none within the departure from the demonstrated shape that
-        `refine.deviation` allows.
+    Refused if no safe path is found, or none within the departure from the demonstrated shape that
+    `refine.deviation` allows.
     """
     take, flown = carried.take, goal.flown
     inspection, pair = take.inspection, take.pair

@@ -59,9 +59,8 @@ def lanes_beside(
     ----------
     path : Flown
         M stations.
-    view : View
-    airspace : Airspace
-        Whose rules the places keep.
+    view, airspace
+        What is to be shown, and the rules that the places keep.
     half_rad : float
         Half the angle across the way of flight within which a look at a wall is fine enough.
     needed : array of int, shape (m,)
@@ -106,7 +105,8 @@ def lanes_beside(
     poses = np.concatenate([positions, angles], axis=2)
     free[free] = airspace.allowed(positions[free])
     shows = np.zeros((*shape, len(needed)), bool)
-    shows[free] = _shown(poses[free], station[np.nonzero(free)[0]], view, needed)
+    kept, beside = poses[free], station[np.nonzero(free)[0]]
+    shows[free] = view.seen(kept[:, :3], from_yaw_pitch(kept[:, 3], kept[:, 4]), needed, beside)
     return Lanes(station, poses, free, surface, view.cloud.points[needed], shows, swath_m)
 
 
@@ -150,11 +150,6 @@ def _frames(places: _Places) -> Floats:
 
 def _within(vectors: Floats, normals: Floats) -> Floats:
     return np.asarray(vectors - (vectors * normals).sum(axis=1, keepdims=True) * normals)
-
-
-def _shown(poses: Floats, station: Ints, view: View, needed: Ints) -> Bools:
-    """Which of the samples (P, m) each pose shows, beside which station of the path it is."""
-    return view.seen(poses[:, :3], from_yaw_pitch(poses[:, 3], poses[:, 4]), needed, station)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,13 +199,7 @@ class Cover(Record):
 def arranged(cover: Cover, seconds: Floats, price: float) -> list[Pass]:
     """The passes that are worth most over the whole path, the nearest to the demonstrated one first.
 
-    Parameters
-    ----------
-    cover : Cover
-    seconds : array, shape (S,)
-        That one pass takes beside each station.
-    price : float
-        Share of the need, that a second must show.
+    One takes so many `seconds` beside each station (S,), each of which must show the `price`, of the need.
     """
     middle = len(cover.shown) // 2
     table = np.array(list(itertools.product(range(middle + 1), repeat=2)))  # passes right and left

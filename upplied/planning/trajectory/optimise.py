@@ -105,17 +105,7 @@ class Optimised(Record):
 def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -> Optimised:
     """The state whose path shows most for what it costs, and its variables.
 
-    Parameters
-    ----------
-    problem : Problem
-    shape_weight : float
-        Of the departure from the demonstrated shape, as the fidelity asks for.
-    weights : OptimiseSettings
-        Of the other terms.
-
-    Returns
-    -------
-    Optimised
+    The departure from the demonstrated shape has the weight that the fidelity asks for.
     """
     samples, need = problem.view.sampled(weights.samples)
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]

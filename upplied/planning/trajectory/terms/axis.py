@@ -70,21 +70,10 @@ def axes(yaw: Floats, pitch: Floats) -> Floats:
 
 
 def aims_of(positions: Floats, axis: Floats, points: Floats, weight: Floats, seen: Bools) -> Aims:
-    """The surface near each optical axis.
+    """The surface near each optical axis (S, 3), of points (N, 3), m, each of some weight (N,).
 
-    Parameters
-    ----------
-    positions, axis : array, shape (S, 3), m and unit vectors
-    points : array, shape (N, 3), m
-    weight : array, shape (N,)
-        How much each sample stands for.
-    seen : array of bool, shape (S, N)
-
-    Returns
-    -------
-    Aims
-        The mean of what is seen and how it spreads, weighted towards the axis, half a gaze wide: no single
-        sample decides.
+    It is the mean of what is `seen` (S, N) and how it spreads, weighted towards the axis, half a gaze wide:
+    no single sample decides.
     """
     given = (np.ascontiguousarray(of, float) for of in (positions, axis, points, weight))
     at, spread = _aims(*given, seen, _SPREAD**2)

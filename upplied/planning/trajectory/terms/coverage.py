@@ -201,16 +201,9 @@ class Hidden(Record):
 
     @classmethod
     def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> "Hidden":
-        """The term near a path; without places where nothing is missed that any of them shows.
+        """The term near a path with a usual stand-off, of places that keep the rules of its airspace.
 
-        Parameters
-        ----------
-        airspace : Airspace
-            Whose rules the places keep.
-        path : Flown
-            M stations.
-        usual_m : float
-            The stand-off.
+        Without places where nothing is missed that any of them shows.
         """
         missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
         few, at, off = missed[:_MISSED], *places_beside(path, usual_m)
