@@ -186,11 +186,11 @@ def _by_place(structure: Structure, inspection: str) -> Truth:
 
 @cache
 def _surface(structure: Structure, seed: int) -> tuple[Cloud, np.ndarray, float]:
-    """Samples, parts of the skin, and the CPU seconds of the parts; both seeds change."""
+    """Samples, parts of the skin, and the CPU seconds of the parts."""
     scene = scene_of(structure)
     cloud = surface_samples(structure, scene, CloudSettings(seed=seed))
     began = time.process_time()
-    label = skin_parts(structure, scene, cloud, seed=seed).label
+    label = skin_parts(structure, scene, cloud).label
     return cloud, label, time.process_time() - began
 
 
