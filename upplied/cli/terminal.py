@@ -31,7 +31,6 @@ errors = Console(highlight=False, stderr=True)
 Advance = Callable[[], None]
 ID_DIGITS = 12  # of the id of a flight, where people read it
 REASONS = 10  # that are printed one by one
-_PLACE = Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog.")
 
 
 @Parameter(name="*")
@@ -39,7 +38,10 @@ _PLACE = Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or objec
 class Where:
     """The catalog that a command works on."""
 
-    location: Annotated[str, _PLACE] = "catalog"
+    location: Annotated[
+        str,
+        Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog."),
+    ] = "catalog"
 
     def opened(self) -> Catalog:
         from upplied.catalog import open_catalog

@@ -3,6 +3,8 @@
 A metadata record is ``inspection``, a side-car a ``flight.toml`` with a table of that name.
 """
 
+from __future__ import annotations
+
 import math
 import re
 import tomllib

@@ -185,7 +185,7 @@ def decided(
     if plan.status != "ok":
         return plan, ()
     inputs = demonstration, source, target, settings, memo
-    alone, takes = _on_pair(plan, *inputs)
+    of_two = alone, takes = _on_pair(plan, *inputs)
     # A sibling is asked where the two leave a doubt of which part is meant, and heard where it leaves none.
     unknown = bool(takes) and takes[0].pair.surface.carried is None
     refused = alone.status == "refused" and (
@@ -195,7 +195,7 @@ def decided(
         labelled = _on_pair(plan, *inputs, siblings)
         if labelled[0].parts_told_by and labelled[0].status == "ok" and not doubts(labelled[0].counterparts):
             return labelled
-    return alone, takes
+    return of_two
 
 
 def _planned(

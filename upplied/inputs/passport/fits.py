@@ -6,7 +6,7 @@ The fit is the share of the poses that could be of an inspection.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -174,7 +174,8 @@ _PLACE = "correct the structure's place on the Earth, or takeoff_alt_m, by as mu
 ToCamera = Callable[[Track], Track]
 
 
-class Fit(NamedTuple):
+@dataclass(frozen=True)
+class Fit:
     """How well a convention fits: the share of the poses that an inspection could hold."""
 
     convention: Convention

@@ -133,9 +133,7 @@ def pair_of(surfaces: "Task", settings: Settings, labelled: Fit | None = None) -
     missing, declared = surfaces.missing(fit), surfaces.declared
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
         declared = replace(declared, turn=fit.registration.rotation @ fit.registration.turn)
-    keys = [content_key("voxels", each.sha256, settings.clouds) for each in (source, target)]
-    here, there = (partial(voxel_cloud, each, settings.clouds) for each in (source, target))
-    clouds = memo("clouds", Cloud, keys[0], here), memo("clouds", Cloud, keys[1], there)
+    clouds = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
     voxels = Task(source, target, voxel_settings(settings), memo, clouds, declared, ("voxels",))
     fit = fit if labelled is None else labelled
     match = without(fit.correspondences, missing, fit.source, fit.target, fit.carried)
@@ -259,6 +257,11 @@ def _with_inferred_parts(task: Task, fit: Fit, one: int) -> Task:
     clouds = list(task.clouds)
     clouds[one] = replace(clouds[one], part=task.remembered("parts", PartLabels, inferred).label)
     return task.labelled((clouds[0], clouds[1]), "the other")
+
+
+def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
+    key = content_key("voxels", structure.sha256, clouds)
+    return memo("clouds", Cloud, key, partial(voxel_cloud, structure, clouds))
 
 
 def samples_of(structure: Structure, settings: Settings, memo: Memo = no_memo) -> Cloud:
