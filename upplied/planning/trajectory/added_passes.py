@@ -88,11 +88,8 @@ class Beside(Record):
         """
         if spare_s <= 0:
             return None
-        tour, cover, price = (
-            _Tour(self.path, self.lanes, self.ways, self.pace),
-            self.cover,
-            _PRICE / self.own_s,
-        )
+        tour, cover = _Tour(self.path, self.lanes, self.ways, self.pace), self.cover
+        price = _PRICE / self.own_s
         passes = arranged(cover, self.seconds, price)
         flown = np.zeros(self.lanes.free.shape, bool)
         flown[:, self.lanes.middle] = True

@@ -105,8 +105,8 @@ def lanes_beside(
     poses = np.concatenate([positions, angles], axis=2)
     free[free] = airspace.allowed(positions[free])
     shows = np.zeros((*shape, len(needed)), bool)
-    kept, beside = poses[free], station[np.nonzero(free)[0]]
-    shows[free] = view.seen(kept[:, :3], from_yaw_pitch(kept[:, 3], kept[:, 4]), needed, beside)
+    places, beside = poses[free], station[np.nonzero(free)[0]]
+    shows[free] = view.seen(places[:, :3], from_yaw_pitch(places[:, 3], places[:, 4]), needed, beside)
     return Lanes(station, poses, free, surface, view.cloud.points[needed], shows, swath_m)
 
 
