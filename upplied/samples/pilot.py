@@ -88,7 +88,7 @@ def _pace(length_m: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Times and distances along the route: an uneven speed, from rest to rest, with pauses."""
     dt = 1 / _RATE_HZ
     speed = float(np.clip(length_m / _TYPICAL_S, _SLOWEST_MPS, _FASTEST_MPS))
-    count = int(3 * length_m / speed / dt) + 400
+    count = round(3 * length_m / speed / dt) + 400  # a quotient that is whole, but for the last bit
     wobble = _coloured(count, 4.0 / dt, rng)
     share = np.clip(np.exp(_UNEVENNESS * wobble - _UNEVENNESS**2 / 2), 0.4, 1.5)
     plan = np.cumsum(speed * share * dt)

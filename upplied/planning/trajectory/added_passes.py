@@ -67,16 +67,23 @@ class Beside(Record):
 
     @classmethod
     def of(
-        cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float, most: int
+        cls, path: Flown, view: View, missed: Ints, ways: Ways, pace: Pace, half_rad: float, most: int
     ) -> "Beside | None":
-        """The lanes beside a path (`lanes.lanes_beside`); None where nothing is to be shown from them.
+        """The lanes beside a path (`lanes.lanes_beside`); None where they show too little of what is missed.
 
-        Transits to a pass and on from it lead round what stands in their `ways`.
+        `missed` are the samples of the view that the optimised flight misses without passes. Transits to a
+        pass and on from it lead round what stands in their `ways`.
         """
-        few = np.flatnonzero(view.need > 0)[:_NEEDED]  # every beginning of samples is spread evenly
-        lanes = lanes_beside(path, view, ways.planning, half_rad, few, most) if len(few) else None
+        few, lacking = np.flatnonzero(view.need > 0)[:_NEEDED], missed[:_NEEDED]  # each spread evenly
+        asked = np.concatenate([few, lacking])
+        lanes = lanes_beside(path, view, ways.planning, half_rad, asked, most) if len(few) else None
         if lanes is None or len(lanes.station) < 2:
             return None
+        shown = lanes.shows[:, :, len(few) :].any(axis=(0, 1))
+        share = view.need[lacking][shown].sum() / max(view.need[lacking].sum(), 1e-12)
+        if share * view.need[missed].sum() < ALIKE:
+            return None
+        lanes = replace(lanes, points=lanes.points[: len(few)], shows=lanes.shows[:, :, : len(few)])
         cover = Cover.of(lanes, view.need[few] / view.need[few].sum())
         spent = cumulated(pace.seconds(path, np.arange(len(path))))
         return cls(path, lanes, cover, np.gradient(spent[lanes.station]), float(spent[-1]), ways, pace)

@@ -128,7 +128,8 @@ def _with_passes(
         return alone.waypoints
     path, pace = problem.starts[0].safe, Pace(problem.speed_mps, problem.pan_radps)
     lanes = _half_rad(flyable.carried.take, settings), settings.refine.added_passes
-    beside = Beside.of(path, problem.view, flyable.ways, pace, *lanes)
+    missed = problem.view.missed(alone.waypoints.positions, alone.waypoints.quat_xyzw)
+    beside = Beside.of(path, problem.view, missed, flyable.ways, pace, *lanes)
     if beside is None:
         return alone.waypoints
     alone_s, most_s = flyable.seconds_of(Extended.alone(path)), _LESS * limit_s
