@@ -77,8 +77,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
 
 def derived_from(basis: Recipe, target_sha256: str) -> dict[str, Any]:
     inputs = {name: basis.row[name] for name in ("demonstration_sha256", "source_sha256")}
-    made_by = {"method_version": METHOD_VERSION, "settings": basis.settings, "target_sha256": target_sha256}
-    return inputs | recorded() | made_by
+    planning = {"method_version": METHOD_VERSION, "settings": basis.settings, "target_sha256": target_sha256}
+    return inputs | recorded() | planning
 
 
 def _as_far(flown: Plan, airspace: Airspace, fly_at: Callable[[float], GapFlight]) -> tuple[GapFlight, str]:

@@ -84,7 +84,7 @@ def _check_mission(catalog: Catalog, log: str, laid: Laid) -> None:
     row = laid.row
     every = catalog.transfers(structure=row["target_id"], status="ok", every=True)["transfer_id"]
     others = every[every != row["transfer_id"]][-_MOST_PLANS:]
-    rows = _made_before([catalog.transfer(str(name)) for name in others], laid.flown)
+    rows = _before_flight([catalog.transfer(str(name)) for name in others], laid.flown)
     try:
         best = _best(catalog, log, [(row, laid.flown) for row in rows])
     except RefusedError:
@@ -146,10 +146,10 @@ def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
     if not len(names):
         names = catalog.transfers(structure=structure, status="ok", preset="recommended")["transfer_id"]
     rows = [catalog.transfer(str(name)) for name in dict.fromkeys(names)]
-    return _made_before(rows, flown)
+    return _before_flight(rows, flown)
 
 
-def _made_before(rows: list[Row], flown: Demonstration) -> list[Row]:
+def _before_flight(rows: list[Row], flown: Demonstration) -> list[Row]:
     """Those of the plans that were made before a flight; all where none was: its clock is wrong."""
     late = moment_of(int(flown.t_ns[0])) + timedelta(seconds=_CLOCK_S)
     return [row for row in rows if row["added_at"] is None or row["added_at"] <= late] or rows

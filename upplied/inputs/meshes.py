@@ -68,8 +68,8 @@ def fingerprint(entry: StructureEntry) -> str:
 def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structure, Findings]:
     """The structure that a file holds by its entry, with all that was found on the way."""
     vertices, unit_m = structure_frame(raw, entry)
-    made = _mesh if len(raw.triangles) else _cloud
-    vertices, triangles, normals, findings = made(vertices, raw, entry)
+    structure_of = _mesh if len(raw.triangles) else _cloud
+    vertices, triangles, normals, findings = structure_of(vertices, raw, entry)
     nominal = nominal_problems(vertices, entry, findings.outliers)
     verdicts = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
     verdicts = decided(verdicts, entry.allow, entry.strict)

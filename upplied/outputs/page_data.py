@@ -112,8 +112,8 @@ def passport_data(demonstration: Demonstration, picture: bytes) -> dict[str, Any
     ids = {"id": demonstration.demonstration_id, "structure": demonstration.structure_id}
     own = {"operator": demonstration.operator, "poses": len(demonstration), "notes": demonstration.notes}
     shown = {"picture": image_address(picture), "verdict": passport["verdict"] if passport else ""}
-    words, told = ("rule", "found", "remedy"), passport["findings"] if passport else ()
-    findings = [{key: str(one[key]) for key in words} | {"overruled": bool(one["overruled"])} for one in told]
+    keys, rows = ("rule", "found", "remedy"), passport["findings"] if passport else ()
+    findings = [{key: str(one[key]) for key in keys} | {"overruled": bool(one["overruled"])} for one in rows]
     figures = [[name, value] for name, value in (rows_of(passport) if passport else ()) if value]
     return {**ids, **own, **shown, "findings": findings, "figures": figures}
 

@@ -110,8 +110,8 @@ def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], Missio
     row = _row(catalog, transfer_id)
     structure = catalog.structure(str(row["target_id"]))
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    heads, told = chain_heads(catalog), ("decisions", "flights")
-    words = ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in told if name in heads)
+    heads, chains = chain_heads(catalog), ("decisions", "flights")
+    words = ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in chains if name in heads)
     custody = (f"{CUSTODY}: {words}",) if words else ()
     return row, MissionZones(catalog, plan_of(catalog, row), structure, camera), custody
 

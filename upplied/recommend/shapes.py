@@ -199,10 +199,10 @@ class Shapes:
             flight, structure = both()
             return views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
 
-        def found() -> Inspected:
+        def surface() -> Inspected:
             return inspected(cloud, cache("views", Views, content_key("truly", *facts), seen))
 
-        return cache("inspected", Inspected, content_key("inspected", FORESIGHT_VERSION, *facts), found)
+        return cache("inspected", Inspected, content_key("inspected", FORESIGHT_VERSION, *facts), surface)
 
 
 def _blocks(names: Iterable[str]) -> list[list[str]]:

@@ -119,3 +119,15 @@ def test_straight_and_short_paths_do_not_wind() -> None:
         [[0.0, 0, 0], [4, 0, 0], [4, 0.4, 0], [4, 0, 0], [4, 4, 0]]
     )  # a twitch below the spacing
     assert turning_deg_per_m(skipped, 1.0) == pytest.approx(90 / 8)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("draw", range(8))
+def test_the_last_bit_does_not_choose_the_stations(draw: int) -> None:
+    """160 stations to a flight are a quotient that is whole but for the last bit."""
+    angle = np.linspace(0, 5.0, 1200)
+    at = np.column_stack([30 * np.cos(angle), 20 * np.sin(1.7 * angle), 3 + np.sin(9 * angle)])
+    noise = 1e-12 * np.random.default_rng(draw).standard_normal(at.shape)
+    given, moved = told(flown(at, 0.4 * angle)), told(flown(at + noise, 0.4 * angle))
+    assert len(moved) == len(given)
+    assert moved.t_s == pytest.approx(given.t_s, abs=1e-6)

@@ -53,13 +53,13 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
         "surroundings_json": json_text(surroundings),
         "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
         "surface": structure.surface or "",
-        "findings": "; ".join(map(_found, verdicts)),
+        "findings": "; ".join(map(_finding, verdicts)),
         "overruled": _overruled(verdicts),
         "retired": False,
     }
 
 
-def _found(verdict: Row) -> str:
+def _finding(verdict: Row) -> str:
     return f"{verdict['rule']}: {verdict['found']}" + " (overruled)" * verdict["overruled"]
 
 
@@ -110,7 +110,7 @@ def _passport_columns(passport: Mapping[str, Any]) -> Row:
     measured = passport["measured"]
     return {
         "verdict": passport["verdict"],
-        "findings": "; ".join(map(_found, passport["findings"])),
+        "findings": "; ".join(map(_finding, passport["findings"])),
         "overruled": _overruled(passport["findings"]),
         **{name: measured[name] for name in PASSPORT},
         "flown_clearance_m": measured["min_clearance_m"],

@@ -121,8 +121,8 @@ def _measured_anew(
             raise CatalogError(what, "cannot be measured again: the dataset has other versions of its inputs")
         settings = settings_of(row["settings_json"])
         plan = plan_rows.plan_of(row, waypoints[row["transfer_id"], row["commit_id"]])
-        told_by = [(name, sha256) for name, sha256 in siblings_of(row) if name in known]
-        siblings = tuple(known[name] for name, sha256 in told_by if known[name].sha256 == sha256)
+        known_siblings = [(name, sha256) for name, sha256 in siblings_of(row) if name in known]
+        siblings = tuple(known[name] for name, sha256 in known_siblings if known[name].sha256 == sha256)
         if plan.parts_told_by and plan.parts_told_by not in {one.structure_id for one in siblings}:
             lacking = f"the dataset has no {plan.parts_told_by} as it labelled its parts"
             raise CatalogError(what, f"cannot be measured again: {lacking}")

@@ -116,8 +116,8 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
             if now.has_same(name, before) and was.linked(draft, file):
                 now.rows[name] = before.rows[name]
                 continue
-            asked_by = "declared_settings" if name == "settings" else name
-            frame = frames[name] if name in frames else getattr(catalog, asked_by)()
+            reader = "declared_settings" if name == "settings" else name
+            frame = frames[name] if name in frames else getattr(catalog, reader)()
             rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
             now.rows[name] = write(draft / file, TABLES[name], [rows])
         for file in same:
@@ -257,8 +257,8 @@ def clean(tables: Path) -> None:
     for path in [*tables.glob(".*.draft"), *tables.parent.glob(".*.parquet.*.draft")]:
         shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
     names = _generations(tables)
-    if (kept := (tables / "current").resolve()) in names:
-        at = names.index(kept)
+    if (current := (tables / "current").resolve()) in names:
+        at = names.index(current)
         for path in [*names[: max(0, at - 1)], *names[at + 1 :]]:  # older, or never switched to
             shutil.rmtree(path)
 

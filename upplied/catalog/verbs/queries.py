@@ -187,8 +187,8 @@ def runs(catalog: Catalog) -> pd.DataFrame:
     rows = catalog.transfers(every=True, columns=columns)
     counts = pd.crosstab(rows["run_id"], rows["status"])
     counts = counts.reindex(columns=["ok", "refused", "failed"], fill_value=0)
-    told = {"first_at": ("planned_at", "min"), "last_at": ("planned_at", "max")}
-    first = rows.groupby("run_id").agg(**told, **{name: (name, "last") for name in columns[3:]})
+    moments = {"first_at": ("planned_at", "min"), "last_at": ("planned_at", "max")}
+    first = rows.groupby("run_id").agg(**moments, **{name: (name, "last") for name in columns[3:]})
     return first.join(counts).sort_values("last_at", ascending=False).reset_index()
 
 

@@ -212,7 +212,7 @@ def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standof
     is_viewpoint = np.zeros(len(flight), bool)
     is_viewpoint[inspection.viewpoints.middle] = True
     path = Waypoints(positions, from_yaw_pitch(yaw, np.clip(pitch, low, high)), flight.t_s, is_viewpoint)
-    station = np.abs(flight.t_s[:, None] - inspection.viewpoints.t_s).argmin(axis=0)
+    station = inspection.viewpoints.middle
     return path, followed.standoff.at(station)
 
 

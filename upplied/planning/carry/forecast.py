@@ -158,16 +158,16 @@ def in_words(evidence: Evidence) -> str:
 
 def missing_of(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
     """What was never scanned of the inspected parts, as warnings."""
-    said = []
+    warnings = []
     for one in counterparts:
         if one.never_scanned_pct >= _WORTH_SAYING_PCT:
-            said.append(
+            warnings.append(
                 f"{one.never_scanned_pct:.0f} % of what was inspected of {one.part} was never scanned on the "
                 "target: it has no counterpart"
             )
         elif one.open:
-            said.append(f"the scan ends on {' and on '.join(one.open)}, to which {one.part} corresponds")
-    return tuple(said)
+            warnings.append(f"the scan ends on {' and on '.join(one.open)}, to which {one.part} corresponds")
+    return tuple(warnings)
 
 
 def odd_number(take: Attended, part: int, source: Parts, target: Parts, like: set[int]) -> str:

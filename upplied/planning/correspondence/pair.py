@@ -184,8 +184,8 @@ class Task(Record):
     def with_carried(self, fit: Fit) -> Fit:
         """A fit with the source's part that a smooth displacement brings onto each target sample."""
         of = fit.registered, fit.source
-        found = self.remembered("carried", PartLabels, lambda: PartLabels(carried(*of)))
-        return replace(fit, carried=found.label)
+        parts = self.remembered("carried", PartLabels, lambda: PartLabels(carried(*of)))
+        return replace(fit, carried=parts.label)
 
     def labelled(self, clouds: tuple[Cloud, Cloud], by: str) -> "Task":
         """The same of clouds whose parts another structure labelled."""

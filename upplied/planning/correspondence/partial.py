@@ -47,14 +47,14 @@ def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Regist
     ways = sorted(both.ways(), key=lambda way: both.judged(*way).apart_m)
     refined = [both.refined(*way) for way in ways[:_REFINED]]
     scale, shift = min(refined, key=lambda way: both.judged(*way).apart_m)
-    found, before = both.judged(scale, shift), both.judged(np.ones(3), np.zeros(3)).apart_m
+    after, before_m = both.judged(scale, shift), both.judged(np.ones(3), np.zeros(3)).apart_m
     moved = np.linalg.norm(both.points * (scale - 1) + shift, axis=1).mean() / both.diagonal
     # Of twelve structures that nobody built, scanned whole or but for 10 to 40 % of their surface, those
     # whose boxes were right moved by 2.7 % at most and came nearer to no less than 0.75 (where the boxes fit
     # well nothing is tried), those whose boxes were wrong moved by 16 %.
-    if found.apart_m >= before or (moved < _FAR and found.apart_m > MAJORITY * before):
+    if after.apart_m >= before_m or (moved < _FAR and after.apart_m > MAJORITY * before_m):
         return None
-    return found.registration
+    return after.registration
 
 
 class Judged(NamedTuple):

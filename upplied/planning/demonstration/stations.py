@@ -128,7 +128,7 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
 def _curvature(at: Floats, along: Floats, apart: float) -> tuple[Floats, Floats]:
     """Places along a path, m, and its curvature there, 1/m, as chords of length `apart` tell it."""
     moving = np.concatenate([[True], np.diff(along) > 0])
-    number = max(int(np.ceil(along[-1] / max(apart, 1e-9))), 2)
+    number = max(int(np.ceil(along[-1] / max(apart, 1e-9) - 1e-6)), 2)  # often whole, but for the last bit
     places = np.linspace(0, along[-1], number + 1)
     path = interpolated(places, along[moving], at[moving])
     leg = np.diff(path, axis=0)
