@@ -53,7 +53,8 @@ def along(high: float) -> Flown:
 def extended(view: View, path: Flown, allowed_s: float = 1000.0, most: int = 3) -> Extended | None:
     airspace = Airspace(view.scene, 2.0, Surroundings())
     pace = Pace(np.ones(len(path)), 1.0)
-    beside = Beside.of(path, view, Ways(airspace, view.cloud), pace, HALF, most)
+    missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
+    beside = Beside.of(path, view, missed, Ways(airspace, view.cloud), pace, HALF, most)
     return None if beside is None else beside.with_passes(allowed_s - beside.own_s)
 
 
