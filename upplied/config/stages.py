@@ -249,7 +249,7 @@ class OptimiseSettings:
     # Of control points: stand-offs flown plus radians turned.
     spacing: Annotated[float, Range(0.05, 10)] = 0.6
     rounds: Annotated[int, Range(1, 20)] = 4  # of ray casting
-    iterations: Count = 80  # of the solver in each round, at most: by then the last bit no longer chooses
+    iterations: Count = 80  # of the solver in each round, at most: often it settles before
     # Weight of required surface relative to inspected surface of the same area.
     required: Weight = 5.0
     # That represent the surface, two thirds of them on inspected surface.

@@ -216,7 +216,7 @@ def offset_outline(points_xy: Floats, distance_m: float, step_m: float = 0.5) ->
     # Not square to straight sides: there all points lie as far out, and the last bit would choose.
     angle = np.pi + np.radians(np.arange(721) / 2 + 0.25)
     normal = np.column_stack([np.cos(angle), np.sin(angle)])
-    hull = points_xy[ConvexHull(points_xy).vertices]
+    hull = points_xy[ConvexHull(points_xy, qhull_options="QJ Pp").vertices]
     loop = hull[np.argmax(hull @ normal.T, axis=0)] + distance_m * normal
     along = arc_length(loop)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / step_m), 8), endpoint=False)
