@@ -143,6 +143,16 @@ def test_noise_of_millimetres_changes_no_arrangement() -> None:
         assert frechet(given.path.positions, other.path.positions) < 0.05 * AWAY
 
 
+@pytest.mark.parametrize(("share", "above"), [(0.86, False), (0.88, False), (1.0, True)])
+def test_of_passes_that_show_as_much_the_first_is_flown_first(share: float, above: bool) -> None:
+    # At 0.88 the pass above shows more by less than a hundredth of all, by which none is chosen.
+    view, path = wall(3 * SWATH), along(1.5 * SWATH)
+    need = view.need * np.where(view.cloud.points[:, 2] > 1.5 * SWATH, share, 1.0)
+    one = extended(replace(view, need=need / need.sum()), path, allowed_s=95.0)
+    assert one is not None
+    assert (passes(one)[0][-1, 2] > 1.5 * SWATH) == above
+
+
 def test_lanes_keep_the_distance_and_end_with_the_surface() -> None:
     view, path = wall(3 * SWATH), along(SWATH / 2)
     airspace = Airspace(view.scene, 2.0, Surroundings())

@@ -13,7 +13,9 @@ from upplied.errors import RefusedError
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.measures.verdict import odd_shape
 from upplied.planning.plan import plan_transfer
-from upplied.planning.trajectory.flyable import _within
+from upplied.planning.trajectory import complete
+from upplied.planning.trajectory.added_passes import Beside, Extended
+from upplied.planning.trajectory.flyable import Result, _within
 from upplied.planning.trajectory.view import Sight
 from upplied.records import Plan
 from upplied.samples.fleet import sample_structures
@@ -123,3 +125,30 @@ def test_a_path_that_is_not_safe_within_a_bound_is_refused():
     aside = np.outer(np.sin(turn) ** 2, [0.0, 0.0, 6.0])
     with pytest.raises(RefusedError, match=r"departs .* where it is safe.*at most 0.1 \(refine.deviation"):
         bounded(shape, shape, 0.1, safe=lambda positions: positions + aside)
+
+
+@pytest.mark.parametrize(("more", "flown"), [(-0.005, False), (0.005, False), (0.015, True)])
+def test_passes_are_flown_only_where_they_show_a_percent_more(monkeypatch, more: float, flown: bool):
+    alone, longer = (SimpleNamespace(positions=0, quat_xyzw=0) for _ in range(2))
+    result, nothing = Result(longer, 150.0, 0.95 + more), SimpleNamespace(path=None, origin=None, added=None)
+    monkeypatch.setattr(Beside, "of", lambda *_: SimpleNamespace())
+    monkeypatch.setattr(Extended, "alone", lambda _: nothing)
+    for name, value in (("_longer", nothing), ("_half_rad", 0.3), ("optimise", None)):
+        monkeypatch.setattr(complete, name, lambda *_, value=value: value)
+    flyable = SimpleNamespace(
+        settings=settings_for("recommended"),
+        carried=SimpleNamespace(take=None),
+        ways=None,
+        seconds_of=lambda _: 100.0,
+        in_time=lambda *_: (result, result),
+    )
+    problem = SimpleNamespace(
+        starts=[SimpleNamespace(safe=None)],
+        speed_mps=np.ones(1),
+        pan_radps=1.0,
+        view=SimpleNamespace(missed=lambda *_: []),
+        along=lambda *_: None,
+    )
+    best = SimpleNamespace(path=None)
+    waypoints = complete._with_passes(problem, best, Result(alone, 100.0, 0.95), flyable, 200.0)
+    assert waypoints is (longer if flown else alone)

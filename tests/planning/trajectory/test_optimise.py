@@ -11,7 +11,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory import optimise as optimisation
-from upplied.planning.trajectory.optimise import Problem, Start, _as_good, optimise
+from upplied.planning.trajectory.optimise import Problem, Start, as_good, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape
 from upplied.planning.trajectory.view import View
@@ -197,7 +197,7 @@ def test_of_several_starts_the_best_is_taken(wall: View):
 
 def test_of_results_that_are_worth_as_much_the_order_decides() -> None:
     worths = [0.9, 0.901], [0.901, 0.9], [0.9, 0.8], [0.8, 0.9, 0.85]
-    assert [_as_good(worth) for worth in worths] == [[0, 1], [0, 1], [0], [1]]
+    assert [as_good(worth) for worth in worths] == [[0, 1], [0, 1], [0], [1]]
 
 
 def test_early_rounds_stay_nearer_to_the_carried_flight(wall: View) -> None:

@@ -13,7 +13,7 @@ from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
 from upplied.planning.trajectory.lanes import Cover, Lanes, Pass, arranged, lanes_beside
-from upplied.planning.trajectory.optimise import ALIKE
+from upplied.planning.trajectory.optimise import ALIKE, as_good
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record, Rows
@@ -91,7 +91,8 @@ class Beside(Record):
     def with_passes(self, spare_s: float) -> Extended | None:
         """The path with as many passes as show what is needed in a time.
 
-        Those that show most come first. None where the path is enough alone, or there is no time.
+        Those that show most come first, of those that show as much the nearest to the flight. None where
+        the path is enough alone, or there is no time.
         """
         if spare_s <= 0:
             return None
@@ -103,7 +104,7 @@ class Beside(Record):
         while passes:
             before = cover.before(flown)
             gains = [float((cover.before(one.flown_with(flown)) - before).sum()) for one in passes]
-            part, taken_s = tour.longest(passes.pop(int(np.argmax(gains))), spare_s - tour.passes_s)
+            part, taken_s = tour.longest(passes.pop(as_good(gains)[0]), spare_s - tour.passes_s)
             shown = part.flown_with(flown)
             gain = float((cover.before(shown) - before).sum())
             if tour.passes_s + taken_s <= spare_s and gain >= max(price * taken_s, ALIKE):

@@ -122,9 +122,9 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
 def _with_passes(
     problem: Problem, best: Optimised, alone: Result, flyable: Flyable, limit_s: float
 ) -> Waypoints:
-    """The flight with passes added, where they show more than it does alone in the time that there is."""
-    least, settings = alone.worth(limit_s), flyable.settings
-    if alone.shown + ALIKE > 1:
+    """The flight with passes added, where they show a percent more than it does alone in time."""
+    least, settings = alone.worth(limit_s) + ALIKE, flyable.settings
+    if least > 1:
         return alone.waypoints
     path, pace = problem.starts[0].safe, Pace(problem.speed_mps, problem.pan_radps)
     lanes = _half_rad(flyable.carried.take, settings), settings.refine.added_passes

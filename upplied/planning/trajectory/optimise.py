@@ -112,7 +112,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
     first = [search.value(search.first, search.first_sight) for search in searches]
-    carried, search = searches[0], searches[_as_good(first)[0]]
+    carried, search = searches[0], searches[as_good(first)[0]]
     worth, variables = search.improved()
     least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
     if worth < carried.worth(carried.first, carried.first_sight) + ALIKE or search.shown(variables) < least:
@@ -120,7 +120,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     return Optimised(search, variables)
 
 
-def _as_good(worth: Sequence[float]) -> list[int]:
+def as_good(worth: Sequence[float]) -> list[int]:
     """Those that are worth as much as the best, in order: among equals no hair's breadth decides."""
     return np.flatnonzero(np.array(worth) >= max(worth) - ALIKE).tolist()
 
@@ -209,7 +209,7 @@ class _Search(Record):
             sight = self.sight(state.flown(variables))
             if not early:
                 results.append((self.worth(variables, sight), variables))
-        return results[_as_good([worth for worth, _ in results])[-1]]
+        return results[as_good([worth for worth, _ in results])[-1]]
 
     def terms(
         self,
