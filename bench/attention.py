@@ -29,7 +29,7 @@ from upplied.errors import UppliedError
 from upplied.geometry.scene import scene_of
 from upplied.planning.demonstration.attention import attention
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.surface.skin import skin_parts
+from upplied.planning.surface.skin import skin_study
 from upplied.planning.visibility.observations import TRULY, moments, stations_at, views
 from upplied.records import Bools, Cloud, Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle, tower_of
@@ -186,22 +186,22 @@ def _by_place(structure: Structure, inspection: str) -> Truth:
 
 @cache
 def _surface(structure: Structure, seed: int) -> tuple[Cloud, np.ndarray, float]:
-    """Samples, parts of the skin, and the CPU seconds of the parts."""
+    """Samples, stretches of the skin (J, N), and the CPU seconds of those."""
     scene = scene_of(structure)
     cloud = surface_samples(structure, scene, CloudSettings(seed=seed))
     began = time.process_time()
-    label = skin_parts(structure, scene, cloud).label
-    return cloud, label, time.process_time() - began
+    stretch = skin_study(structure, scene, cloud).of(cloud)
+    return cloud, stretch, time.process_time() - began
 
 
 def judged(row: Row, seed: int = 0, view: Demonstration | None = None) -> Found:
     """What attention says of a row; recall is asked of `view`'s pictures, the flight's own if not given."""
-    cloud, label, seconds = _surface(row.structure, seed)
+    cloud, stretch, seconds = _surface(row.structure, seed)
     flight = row.flight
     shown = views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(row.structure))
     began = time.process_time()
     weights = attention(
-        flight.trajectory, flight.breaks, flight.camera, cloud, shown, label, InspectionSettings()
+        flight.trajectory, flight.breaks, flight.camera, cloud, shown, stretch, InspectionSettings()
     )
     seconds += time.process_time() - began
     strict, attached = row.truth(cloud)

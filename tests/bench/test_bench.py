@@ -39,6 +39,13 @@ def test_the_stages_one_by_one(arguments: tuple[str, ...]) -> None:
 
 
 @pytest.mark.slow
+def test_what_a_flight_was_about() -> None:
+    printed = run("attention.py", "--only", "cube")
+    row = next(line for line in printed.splitlines() if line.startswith("cube-v1 sides"))
+    assert float(row.split()[3]) > 90  # of the weight lies on the sides
+
+
+@pytest.mark.slow
 def test_planned_against_flown() -> None:
     assert "cube sides > cuboid" in run("flown.py", "--only", "cuboid", "--flights", "1")
 

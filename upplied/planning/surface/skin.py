@@ -22,7 +22,7 @@ from upplied.planning.surface.lattice import lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
-_FINE = 20_000  # samples that are joined
+_FINE = 40_000  # samples that are joined
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
 _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
 _NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
