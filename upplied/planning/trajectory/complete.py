@@ -122,7 +122,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
 def _with_passes(
     problem: Problem, best: Optimised, alone: Result, flyable: Flyable, limit_s: float
 ) -> Waypoints:
-    """The flight with passes added, where they show a percent more than it does alone in time."""
+    """The flight with passes, in the time that there is, where it shows a hundredth more than alone."""
     least, settings = alone.worth(limit_s) + ALIKE, flyable.settings
     if least > 1:
         return alone.waypoints
