@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -117,13 +117,13 @@ def groups() -> dict[str, str]:
 
 @lru_cache(12)
 def structure(name: str) -> Structure:
-    """A structure by its name: metres, Z up, the ground at z = 0 of the real ones."""
+    """A structure by its name, of its group's kind: metres, Z up, the ground at z = 0 of the real ones."""
     if "-random-" in name:
         kind, _, seed = name.partition("-random-")
-        return random_member(kind, int(seed)).structure
+        return replace(random_member(kind, int(seed)).structure, kind=GROUPS[kind])
     path = meshes()[name]
-    ground = Surroundings(ground_z_m=0.0)
-    return read_structure(StructureEntry(name, path.parent.name, path, unit_m=1.0, surroundings=ground))
+    kind, ground = GROUPS[path.parent.name], Surroundings(ground_z_m=0.0)
+    return read_structure(StructureEntry(name, kind, path, unit_m=1.0, surroundings=ground))
 
 
 @cache

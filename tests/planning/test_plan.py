@@ -132,9 +132,16 @@ def test_remembered_results_give_the_same_plan(fleet, around_cube):
 
 @pytest.mark.ci
 def test_another_kind_is_refused_with_a_reason(fleet, around_cube):
-    plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["turbine-1-v1"], settings_for("recommended"))
+    cube, turbine, settings = fleet["cube-v1"], fleet["turbine-1-v1"], settings_for("recommended")
+    plan = plan_transfer(around_cube, cube, turbine, settings)
     assert plan.status == "refused" and plan.trajectory is None
-    assert len(plan.reason) > 20
+    assert "is of kind wind_turbine, the source of kind box" in plan.reason and "declare one" in plan.reason
+    # Declared to be of the kind, it is refused for what it is.
+    plan = plan_transfer(around_cube, cube, replace(turbine, kind=cube.kind), settings)
+    assert plan.status == "refused" and "has a counterpart on turbine-1-v1" in plan.reason
+    # For comparison it is planned, and not to be flown.
+    plan = plan_transfer(around_cube, cube, turbine, settings_for("baseline"))
+    assert plan.trajectory is not None and not plan.flyable and "is of kind wind_turbine" in plan.not_flyable
 
 
 def test_the_key_depends_on_all_that_goes_in(fleet, around_cube):

@@ -162,7 +162,7 @@ _PRESETS: dict[str, Settings] = {
     "recommended": replace(
         _PAPER,
         preset="recommended",
-        registration=RegistrationSettings(acceptance=1.0, least_probability=0.65),
+        registration=RegistrationSettings(acceptance=1.0, least_probability=0.8),
         correspondence=CorrespondenceSettings(method="parts", least_probability=0.8, siblings=3),
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts", standoff="kept"),

@@ -100,6 +100,14 @@ def _sizes_beyond(source: Structure, target: Structure, most: float, setting: st
     return f"{given}: {ratio:.1f} times, more than {most:g} (verdict.{setting}); check their units"
 
 
+def _of_other_kinds(source: Structure, target: Structure) -> str:
+    """That two structures are declared to be of other kinds, in words; empty where they are of one."""
+    if source.kind == target.kind:
+        return ""
+    kinds = f"the target is of kind {target.kind}, the source of kind {source.kind}"
+    return f"{kinds}: a flight is carried within its kind; declare one kind for both where they are alike"
+
+
 def _begun(demonstration: Demonstration, source: Structure, target: Structure, settings: Settings) -> Plan:
     plan = Plan(
         demonstration_id=demonstration.demonstration_id,
@@ -109,9 +117,10 @@ def _begun(demonstration: Demonstration, source: Structure, target: Structure, s
         preset=settings.preset,
         status="ok",
     )
-    # Are they of like size, or was a unit mistaken?
+    # Are they of one kind, and of like size, or was a unit mistaken?
     rule = settings.verdict
-    wrong = _sizes_beyond(source, target, rule.most_size_ratio, "most_size_ratio")
+    wrong = _of_other_kinds(source, target)
+    wrong = wrong or _sizes_beyond(source, target, rule.most_size_ratio, "most_size_ratio")
     if wrong and rule.enforce:
         return replace(plan, status="refused", reason=wrong)
     odd = "" if wrong else _sizes_beyond(source, target, rule.odd_size_ratio, "odd_size_ratio")

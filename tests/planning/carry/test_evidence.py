@@ -57,7 +57,7 @@ def evidence(**changes: Any) -> Evidence:
 
 def test_a_structure_speaks_for_itself() -> None:
     found = evidence()
-    assert found.values == pytest.approx([0] * 4 + [0.3], abs=1e-6)
+    assert found.values == pytest.approx([0, 0, 0.3], abs=1e-6)
     assert probability_of(found) > 0.95
 
 
@@ -72,7 +72,7 @@ def test_what_has_no_counterpart_is_counted_by_weight_and_area() -> None:
 
 
 def test_nothing_known_has_all_against_it() -> None:
-    all_against = [1, 1, 1, 1, 0.3]
+    all_against = [1, 1, 0.3]
     assert evidence(weight=np.zeros(COUNT)).values.tolist() == all_against
     index = np.full(COUNT, -1)
     index[:15] = np.arange(15)
@@ -85,14 +85,6 @@ def test_nothing_known_has_all_against_it() -> None:
     assert evidence(fit=far).misfit == 10.0
 
 
-def test_counterparts_that_face_another_way_face_away() -> None:
-    normals = UP.copy()
-    normals[GRID[:, 0] < 2] = [np.sin(1.1), 0, np.cos(1.1)]  # 63 deg
-    normals[(GRID[:, 0] >= 2) & (GRID[:, 0] < 4)] = [np.sin(1.0), 0, np.cos(1.0)]  # 57 deg
-    found = evidence(target=Cloud(GRID, normals, AREA))
-    assert found.facing_away == pytest.approx(0.25)
-
-
 def test_a_scaling_bends_nothing_and_a_wave_does() -> None:
     scaled = evidence(points=GRID * [2.0, 0.5, 1.0] + [7, 8, 9])
     assert scaled.bent == pytest.approx(0, abs=1e-9)
@@ -103,42 +95,24 @@ def test_a_scaling_bends_nothing_and_a_wave_does() -> None:
     assert wavy.bent == pytest.approx(0.2 / size, rel=0.08)
 
 
-@pytest.mark.parametrize("apart", [0.4, 1.5, 3.0])
-def test_surfaces_apart_leave_a_gap_beyond_the_spacing(apart: float) -> None:
-    near = GRID[:, 0] < 12
-    target = Cloud(GRID + np.outer(near, [0, 0, apart]), UP, AREA)
-    found = evidence(target=target)
-    low, high = np.quantile(GRID[REGION > 0], [0.05, 0.95], axis=0)
-    size = np.linalg.norm(high - low)
-    assert found.gap == pytest.approx(max(apart - STEP, 0) / size, rel=0.08, abs=1e-9)
-
-
-def test_a_surface_that_faces_away_is_apart() -> None:
-    low, high = np.quantile(GRID[REGION > 0], [0.05, 0.95], axis=0)
-    size = np.linalg.norm(high - low)
-    found = evidence(target=Cloud(GRID, -UP, AREA))
-    assert found.gap == pytest.approx((2 * 0.1 * size - STEP) / size, rel=0.08)
-    assert found.facing_away == 1
-
-
 def test_the_probability_is_logistic_and_capped() -> None:
-    found = Evidence(0.1, 0.2, 0.05, 0.02, 0.9)
+    found = Evidence(0.1, 0.05, 0.9)
     against = sum(weight * value for weight, value in zip(WEIGHTS, found.values, strict=True))
     assert probability_of(found) == pytest.approx(1 / (1 + np.exp(against - OFFSET)))
-    assert probability_of(Evidence(*np.full(5, 99.0))) == probability_of(Evidence(*CAPS)) < 1e-5
-    assert found.values.tolist() == [0.1, 0.2, 0.05, 0.02, 0.9]
+    assert probability_of(Evidence(*np.full(3, 99.0))) == probability_of(Evidence(*CAPS)) < 1e-3
+    assert found.values.tolist() == [0.1, 0.05, 0.9]
 
 
 def test_the_first_take_speaks() -> None:
     takes = [take(), take(weight=np.zeros(COUNT))]
-    assert forecast_of(takes).probability > 0.95 and forecast_of(takes[::-1]).probability < 0.02
+    assert forecast_of(takes).probability > 0.95 and forecast_of(takes[::-1]).probability < 0.05
 
 
 def test_the_evidence_in_words() -> None:
-    found = Evidence(0.1, 0.2, 0.05, 0.02, 0.9)
+    found = Evidence(0.1, 0.05, 0.9)
     assert in_words(found) == (
-        "matched surface 90 %, facing another way 20 %, deviation from the best scaling 5 % and "
-        "mean gap 2 % of the region's size; residual of the whole structures 0.90"
+        "matched surface 90 %, deviation from the best scaling 5 % of the region's size; "
+        "residual of the whole structures 0.90"
     )
     nothing = Evidence(1.0, *found.values[1:])
     assert in_words(nothing) == (
