@@ -19,8 +19,7 @@ from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 _WELDED_M = 5e-3  # what is nearer was drawn as one place: no structure has joints as narrow
 _WELDS = 8  # vertices, at most, to which one is welded
 _SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
-_MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
-_LEAST_SAMPLES = 6
+_LEAST_SAMPLES = 6  # the same in samples, of a thinned cloud
 CONTACT = 0.015  # of the diagonal: pieces this close touch, and a surface lies on its mirror image
 _TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
 _MIRRORED = 0.8  # share of the samples whose mirror images lie on the surface, if it is its own mirror image
@@ -264,7 +263,7 @@ def joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
     """Parts (N,), 0 .. K - 1, where those that are too small to be one joined what lies nearest to them."""
     label = np.unique(label, return_inverse=True)[1].reshape(-1)
     share = np.bincount(label, weights=area) / area.sum()
-    keep = share >= _SMALLEST if len(share) > _MANY else np.bincount(label) >= _LEAST_SAMPLES
+    keep = (share >= _SMALLEST) & (np.bincount(label) >= _LEAST_SAMPLES)
     large = keep[label]
     if large.all() or not large.any():
         return label
