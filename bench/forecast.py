@@ -45,9 +45,7 @@ from upplied.records import Bools, Floats
 
 GOOD = 75.0  # inspected coverage, percent, that counts as most of it
 RIDGE = 0.02
-MISDECLARED = (
-    0.1  # what a stranger counts beside a pair of like kind: one structure in ten is declared wrongly
-)
+MISDECLARED = 0.1  # what a stranger counts beside a pair of like kind: one in ten is declared wrongly
 _MEASURED = {"acceptance": 10.0, "least_probability": 0.0}  # what is shown is measured whatever corresponds
 
 
@@ -69,8 +67,8 @@ def row_of(pair: Pair) -> dict[str, Any]:
         flight, source = demonstration(pair.flight), structure(pair.flight.source)
         target = replace(structure(pair.target), kind=source.kind)
         here, there = frames_for(source, target, settings)
-        found = study_pair(structure_in(here, source), structure_in(there, target), settings, memo)
-        take = takes_of(demonstration_in(here, flight), found, settings, memo)[0]
+        pair_study = study_pair(structure_in(here, source), structure_in(there, target), settings, memo)
+        take = takes_of(demonstration_in(here, flight), pair_study, settings, memo)[0]
         row |= {"evidence": evidence_of(take).values.tolist(), "right": _right(take, pair)}
         if not pair.stranger:
             plan = plan_transfer(flight, source, target, settings, memo)

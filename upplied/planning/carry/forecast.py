@@ -71,9 +71,10 @@ def _size(points: Floats, share: Floats) -> float:
 CAPS = (1.0, 0.3, 3.0)
 # Calibrated by bench/forecast.py on the targets of one half: 107 pairs of like kind, real and generated,
 # whose forced plans were judged, and 99 of other kinds that count a tenth, as if one structure in ten were
-# declared of a wrong kind. Of the other half, which fitted nothing, all 102 that show at least 90 % pass 0.8,
-# and 9 of 112 of other kinds where they are declared to be of one. Of those said to be 0.8 to 0.9 certain 7
-# of 9 show 75 %, of those above all 102. Which way surfaces face and how far they lie apart tell no more.
+# declared of a wrong kind. Of the other half, which fitted no weight, all 102 that show at least 90 % pass
+# 0.8, and 9 of 112 of other kinds where they are declared to be of one. Of those said to be 0.8 to 0.9
+# certain 7 of 9 show 75 %, of those above all 102. Which evidence counts was chosen by both halves: which
+# way surfaces face and how far they lie apart tell no more.
 # Whether a part is the right one is another question (`correspondence.certainty`).
 OFFSET = 4.41
 WEIGHTS = (3.28, 12.52, 1.69)
