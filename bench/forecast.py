@@ -45,7 +45,7 @@ from upplied.records import Bools, Floats
 
 GOOD = 75.0  # inspected coverage, percent, that counts as most of it
 RIDGE = 0.02
-MISDECLARED = 0.1  # what a stranger counts beside a pair of like kind: one in ten is declared wrongly
+MISDECLARED = 0.01  # what a stranger counts beside a pair of like kind: one in 100 is declared wrongly
 _MEASURED = {"acceptance": 10.0, "least_probability": 0.0}  # what is shown is measured whatever corresponds
 
 

@@ -12,7 +12,7 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
-from upplied.planning.carry.forecast import forecast_of, missing_of, unlikely, unlikely_together
+from upplied.planning.carry.forecast import forecast_of, missing_of, unlikely
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study
@@ -171,10 +171,9 @@ def _on_pair(
     known = replace(plan.measures, counterpart_probability=least_probability(counterparts))
     warnings = *plan.warnings, *doubts(counterparts), *missing_of(counterparts)
     plan = replace(plan, counterparts=counterparts, measures=known, warnings=warnings)
-    unsure = undecided(counterparts, settings)
-    if not unsure and least is not None:
-        unsure = unlikely_together(likely, known.counterpart_probability, least)
-    return (replace(plan, status="refused", reason=unsure) if unsure else plan), takes
+    if unsure := undecided(counterparts, settings):
+        return replace(plan, status="refused", reason=unsure), takes
+    return plan, takes
 
 
 def decided(

@@ -25,6 +25,7 @@ from upplied.planning.carry.counterparts import (
     _without_flown,
     counterparts_of,
     doubts,
+    undecided,
 )
 from upplied.planning.carry.forecast import missing_of
 from upplied.planning.correspondence import certainty as probabilities
@@ -114,12 +115,26 @@ def test_what_another_take_flies_is_not_left_out() -> None:
     assert said == "c: --repeat mirror flies what lies as the demonstrated part"
 
 
+@pytest.mark.parametrize(
+    ("known", "least", "refused"),
+    [(0.79, 0.8, False), (0.21, 0.8, False), (0.19, 0.8, True), (0.45, 0.5, True), (0.01, 0.0, False)],
+)
+def test_a_part_that_none_is_like_is_refused_only_where_it_is_the_wrong_one(
+    known: float, least: float, refused: bool
+) -> None:
+    settings = settings_for("recommended", correspondence={"least_probability": least})
+    lone = replace(ONE, twins=0, found=1, probability=known, doubt="doubted")
+    assert bool(undecided([lone], settings)) == refused
+    assert undecided([replace(lone, twins=1)], settings)  # another part is like it
+    assert not undecided([replace(lone, inspected_pct=19.0)], settings)
+
+
 def test_why_it_is_not_certain() -> None:
     least = settings_for("recommended", correspondence={"least_probability": 0.6})
     assert _doubt(take(), "wing", 0.5, side(SOURCE), 0.6, least) == ""
     assert _doubt(take(), "wing", 0.523, side(SOURCE), 0.594, least) == (
-        "wing, 52 % of what was inspected, has its counterpart on there with probability 0.59, 0.6 is "
-        "required (correspondence.least_probability)"
+        "wing, 52 % of what was inspected, has its counterpart on there with probability 0.59, less than "
+        "0.6 (correspondence.least_probability)"
     )
     for pieces, why in ((True, "no part of it was matched"), (False, "its surface is one piece")):
         assert _doubt(take(), "wing", 0.5, side(SOURCE, pieces=pieces), None, least) == (

@@ -99,13 +99,13 @@ def test_the_probability_is_logistic_and_capped() -> None:
     found = Evidence(0.1, 0.05, 0.9)
     against = sum(weight * value for weight, value in zip(WEIGHTS, found.values, strict=True))
     assert probability_of(found) == pytest.approx(1 / (1 + np.exp(against - OFFSET)))
-    assert probability_of(Evidence(*np.full(3, 99.0))) == probability_of(Evidence(*CAPS)) < 1e-3
+    assert probability_of(Evidence(*np.full(3, 99.0))) == probability_of(Evidence(*CAPS)) < 0.01
     assert found.values.tolist() == [0.1, 0.05, 0.9]
 
 
 def test_the_first_take_speaks() -> None:
     takes = [take(), take(weight=np.zeros(COUNT))]
-    assert forecast_of(takes).probability > 0.95 and forecast_of(takes[::-1]).probability < 0.05
+    assert forecast_of(takes).probability > 0.95 and forecast_of(takes[::-1]).probability < 0.1
 
 
 def test_the_evidence_in_words() -> None:

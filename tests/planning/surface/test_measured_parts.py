@@ -129,7 +129,7 @@ def test_what_lies_side_by_side_is_no_blade() -> None:
 
 def test_a_part_has_the_name_of_most_of_what_has_one_unless_little_has() -> None:
     label = np.repeat([0, 1, 2, 3], 10)
-    named = np.array([5] * 5 + [-1] * 5 + [5] * 4 + [-1] * 6 + [3] * 6 + [5] * 4 + [3] * 7 + [5] * 3)
+    named = np.array([5] * 6 + [-1] * 4 + [5] * 5 + [-1] * 5 + [3] * 5 + [5] * 5 + [3] * 6 + [5] * 4)
     known = Cloud(np.zeros((40, 3)), None, np.ones(40), label)
     assert names_of(known, named).tolist() == [5, -1, -1, 3]
     heavy = np.where(np.arange(40) == 10, 2.0, 1.0)  # by area, not by number

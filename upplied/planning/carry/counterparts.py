@@ -106,14 +106,20 @@ def _not_repeated(takes: Sequence[Attended]) -> list[Counterpart]:
 
 
 def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
-    """Why a plan is refused for ambiguous parts, or another number than expected; empty where it is not."""
+    """Why a plan is refused for ambiguous parts, or another number than expected; empty where it is not.
+
+    A part that none is like may be unsure. It is refused where it is the wrong one for as certain as is
+    required of the right one.
+    """
     rule = settings.correspondence
+    wrong = min(rule.least_probability, 1 - rule.least_probability)
     for one in counterparts:
         if not one.doubt or one.inspected_pct < 100 * _REFUSED:
             continue
         if rule.repeat:
             return f"--repeat {rule.repeat} was requested and {one.doubt}"
-        if one.twins or one.found > 1 or (one.found and not one.flown):
+        mistaken = one.probability is not None and one.probability < wrong
+        if one.twins or one.found > 1 or (one.found and not one.flown) or mistaken:
             return doubts([one])[0]
     if rule.expect is not None and counterparts and (first := counterparts[0]).found != rule.expect:
         number = f"{first.found} parts like {first.part} are on the target"
@@ -190,8 +196,8 @@ def _others_within(take: Attended, part: int, source: _Side) -> int:
         return 0  # a body of its own
     most = int(np.bincount(skin[mine], (area * take.weight)[mine]).argmax())
     share = np.bincount(skin, area * take.weight) / np.maximum(np.bincount(skin, area), 1e-12)
-    inspected = share > (1 - MAJORITY) * share[most]  # as the stretch that was inspected most, or nearly
-    if area[mine & inspected[skin]].sum() > (1 - MAJORITY) * area[mine].sum():
+    inspected = share > MAJORITY * share[most]  # as the stretch that was inspected most, or nearly
+    if area[mine & inspected[skin]].sum() > MAJORITY * area[mine].sum():
         return 0
     stretches = parts_of(replace(cloud, part=skin))
     if (stretches.high - stretches.low)[most].max() > least:
@@ -261,7 +267,7 @@ def _doubt(
         if known >= least:
             return ""
         return (
-            f"{what} has its counterpart on {there} with probability {known:.2f}, {least:g} is required "
+            f"{what} has its counterpart on {there} with probability {known:.2f}, less than {least:g} "
             "(correspondence.least_probability)"
         )
     why = "no part of it was matched" if target.pieces else "its surface is one piece"

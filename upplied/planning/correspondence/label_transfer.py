@@ -30,6 +30,7 @@ from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
 _LEAST_SAMPLES = 15  # of a part that is compared with others
+_LIKE = 0.6  # share of either surface that lies near the other, from which parts are alike
 _ROUNDS = 6  # in which a part is shifted to where it lies best
 
 
@@ -147,7 +148,7 @@ def unnamed_like(whole: Cloud, named: Ints, template: Bools) -> bool:
     for each in np.unique(piece[lone < 0]):
         mine = piece == each
         theirs = label == np.bincount(label[mine]).argmax()
-        if area[mine & theirs].sum() > (1 - MAJORITY) * area[theirs].sum():
+        if area[mine & theirs].sum() > MAJORITY * area[theirs].sum():
             continue
         ratio = np.append(np.ptp(whole.points[mine], axis=0) / size, area[mine].sum() / area[template].sum())
         if ratio.min() > 1 / most and ratio.max() < most:
@@ -222,4 +223,4 @@ def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, reach: flo
     for one, normals, other, others in ((moved, facing, there, faces), (there, faces, moved, facing)):
         apart, index = cKDTree(other).query(one)
         shares.append(float(((apart < reach) & ((normals * others[index]).sum(axis=1) > SAME_FACE)).mean()))
-    return min(shares) > MAJORITY
+    return min(shares) > _LIKE

@@ -134,7 +134,7 @@ def without(
         theirs, area = labels_of(there), there.areas
         for part in np.unique(mine[gone]).tolist():
             on = np.isin(theirs, match.target_parts(part))
-            if area[on & (carried == part)].sum() < (1 - MAJORITY) * area[on].sum():
+            if area[on & (carried == part)].sum() < MAJORITY * area[on].sum():
                 gone = gone[mine[gone] != part]
     if not len(gone):
         return match

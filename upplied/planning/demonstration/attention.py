@@ -24,7 +24,7 @@ from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajecto
 
 _NEAREST = 0.3  # quantile of the depth in the gaze, that is the subject's
 _DEPTH = 1.3  # of the subject's depth, up to which a sample or a pose belongs to it: a round body's front
-
+_SOFTENED = 0.1  # to each side of the majority, over which a stretch comes to count: no sample decides
 _GAZE_S, _SHOWN_S = 4.0, 1.0  # of gaze, of being shown, after which the weight is 63 %
 _CREEP_MPS = 0.1  # that a hovering pose counts as: hovering shows nothing new
 _USUAL = 0.95
@@ -113,7 +113,7 @@ def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
     for part in stretch:
         complete = np.bincount(part, gazed) / np.maximum(np.bincount(part, area), 1e-300)
         complete /= float(gazed @ complete[part]) / float(gazed.sum())
-        share = np.clip((complete - (1 - MAJORITY)) / (2 * MAJORITY - 1), 0, 1)
+        share = np.clip((complete - MAJORITY) / (2 * _SOFTENED) + 0.5, 0, 1)
         meant += (share**2 * (3 - 2 * share))[part] / len(stretch)
     return meant
 

@@ -19,7 +19,7 @@ _SURE_S = 1.0  # at the very same place for so long is no rounding of the log
 def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]]:
     """Begin and end, s, of each time in which the pilot stood still, start and landing apart.
 
-    He stands where the steadied position moves at less than three tenths of his usual speed, or where poses
+    He stands where the steadied position moves at less than a quarter of his usual speed, or where poses
     one after another are at the very same place.
 
     Parameters

@@ -108,7 +108,7 @@ def pieces_tell_parts(cloud: Cloud) -> bool:
     A scan of which much is missing falls into pieces that lie apart, as little as one piece tells parts.
     """
     parts = parts_of(cloud)
-    return bool(parts.area[parts.touching.any(axis=1)].sum() > 1 - MAJORITY)
+    return bool(parts.area[parts.touching.any(axis=1)].sum() > MAJORITY)
 
 
 def parts_of_both(source: Cloud, registered: Cloud, words: Floats) -> tuple[Parts, Parts]:
@@ -150,7 +150,7 @@ def names_of(cloud: Cloud, named: Ints) -> Ints:
     label, known = labels_of(cloud), named >= 0
     area = np.zeros((int(label.max()) + 1, int(named.max(initial=0)) + 1))
     np.add.at(area, (label[known], named[known]), cloud.areas[known])
-    some = area.sum(axis=1) > (1 - MAJORITY) * np.bincount(label, weights=cloud.areas)
+    some = area.sum(axis=1) > MAJORITY * np.bincount(label, weights=cloud.areas)
     return np.where(some & (area.max(axis=1) > MAJORITY * area.sum(axis=1)), area.argmax(axis=1), -1)
 
 
@@ -196,7 +196,7 @@ def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
     one, other = cloud.normals[pairs[:, 0]], cloud.normals[pairs[:, 1]]
     alike = pairs[np.einsum("ij,ij->i", one, other) > SAME_FACE]
     near, continued = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
-    return (np.linalg.norm(facing, axis=1) < (1 - MAJORITY) * count) | (continued <= _CONTINUED * near)
+    return (np.linalg.norm(facing, axis=1) < MAJORITY * count) | (continued <= _CONTINUED * near)
 
 
 def mesh_pieces(structure: Structure) -> Ints:

@@ -21,7 +21,6 @@ from upplied.records import Bools, Floats, Ints, Record, Rows, Trajectory, Waypo
 
 _STEP_M = 0.5  # largest leg of the result
 _FINE_M, _PIECES = 0.05, 6  # smallest pieces, and most of them, of a leg that begins or ends at rest
-_STILL = 0.25  # of the usual speed of a flight, pose by pose: slower is a pause
 _EVENED_M = 3.0  # along the demonstration, to each side, over which its speed is averaged
 _TRANSIT = 95  # percentile of the demonstrated speed, at which parts of the flight are joined
 _MARGIN = 0.999  # of the limits, for the rounding of what is stored
@@ -192,7 +191,7 @@ def demonstrated_speed(
             continue
         times, positions = steadied(part)
         step, tick = leg_lengths(positions), float(times[1] - times[0])
-        moving = step > _STILL * float(np.percentile(step, 75))
+        moving = step > STILL * float(np.percentile(step, 75))
         # What way it had made when, and in how much time of moving.
         along, spent = cumulated(step), cumulated(np.where(moving, tick, 0.0))
         if along[-1] > 0:
