@@ -14,7 +14,6 @@ from upplied.config import Settings, focal_px
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import angle_between, fov_at, matrices
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import USUAL_PCT, Take, breaks_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp, Timed, retime
@@ -26,6 +25,7 @@ _SAMPLES = 1500  # of the inspected surface, that are asked for
 MARGIN = 0.95  # of the limit, for what speeds differ within a leg
 # Of what is in view, and of a pixel, where the demonstration was not sharp: the hand trembles within a leg.
 _NEARLY_ALL, _STEADY = 0.98, 0.8
+_MOSTLY = 0.6  # share of what is in view that stays as sharp as in the expert's pictures
 _SLOWEST_MPS = 0.1
 
 
@@ -65,7 +65,7 @@ def sharp_limits(
     one_pixel = rule.max_motion_px / ((camera.exposure_s or rule.exposure_s) * focal)
     own, _ = look_limits(takes, rule)
     # Where looks of more than a pixel count as shown, nearly all that is in view has to stay within one.
-    limit, share = (own, MAJORITY) if own <= one_pixel else (_STEADY * one_pixel, _NEARLY_ALL)
+    limit, share = (own, _MOSTLY) if own <= one_pixel else (_STEADY * one_pixel, _NEARLY_ALL)
     few = np.flatnonzero(inspected.need > 0)[:_SAMPLES]
     part = inspected.cloud.at(few)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
