@@ -26,6 +26,7 @@ from upplied.samples.pilot import fly
 from upplied.samples.surfaces import stamped
 
 SETTINGS: Settings = settings_for("recommended", clouds={"surface_samples": 2000})
+LEAST = SETTINGS.registration.least_probability or 0.0
 
 
 def likely(source: Structure, target: Structure, inspection: str) -> float:
@@ -58,18 +59,18 @@ def test_structures_of_one_form_pass(source: str, target: str, inspection: str) 
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("source", "target", "inspection"),
+    ("source", "target", "inspection", "most"),
     [
-        ("cube-v1", "yacht-1-v1", "sides"),
-        pytest.param("cruise-v1", "cuboid-v1", "hull", marks=pytest.mark.slow),
-        pytest.param("turbine-1-v1", "b777-v1", "tower", marks=pytest.mark.slow),
-        pytest.param("a320-v1", "cruise-v1", "engine_left", marks=pytest.mark.slow),
-        ("bridge-1-v1", "a320-v1", "piers"),
+        ("cube-v1", "yacht-1-v1", "sides", 0.5),
+        pytest.param("a320-v1", "cruise-v1", "engine_left", 0.5, marks=pytest.mark.slow),
+        # Long things in a box of one form: near what is required. Their kinds are what refuses them.
+        pytest.param("cruise-v1", "cuboid-v1", "hull", LEAST, marks=pytest.mark.slow),
+        pytest.param("turbine-1-v1", "b777-v1", "tower", LEAST, marks=pytest.mark.slow),
+        ("bridge-1-v1", "a320-v1", "piers", LEAST),
     ],
 )
-def test_strangers_do_not(source: str, target: str, inspection: str) -> None:
-    probability = likely(member(source).structure, member(target).structure, inspection)
-    assert probability < SETTINGS.registration.least_probability
+def test_strangers_do_not(source: str, target: str, inspection: str, most: float) -> None:
+    assert likely(member(source).structure, member(target).structure, inspection) < most
 
 
 @pytest.mark.ci
