@@ -7,12 +7,15 @@ import zlib
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Demonstration, Floats, Ints, Structure
 
 VARIANTS = ("given", "noise1", "noise2", "order", "divided", "rounded", "seed1", "seed2", "half")
-#: Not of the eight: the source's vertices moved, and the target as given under another kernel.
-MORE = ("source1", "kernel")
+#: Not of the eight: the source's vertices moved, the target as given under another kernel, and one of the
+#: structures, or both, welded to one piece, as many programs export them: no mesh tells its parts.
+MORE = ("source1", "kernel", "welded", "welded-source", "welded-both")
 _NOISE_M, _ROUNDED_M, _HALF_NOISE_M = 1e-3, 1e-2, 0.02
 
 
@@ -38,6 +41,10 @@ def varied(demonstration: Demonstration, source: Structure, target: Structure, v
         return replace(given, source=_moved(source, variant, rng))
     if variant == "order":
         return replace(given, target=_ordered(target, rng))
+    if variant.startswith("welded"):
+        which = variant.removeprefix("welded")
+        one = _welded(source) if which else source
+        return replace(given, source=one, target=target if which == "-source" else _welded(target))
     if variant == "divided":
         return replace(given, target=_meshed(target, variant, *divided(target.vertices, target.triangles)))
     if variant == "rounded":
@@ -94,6 +101,27 @@ def _rounded(one: Structure) -> Structure:
     corner = vertices[one.triangles]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     return _meshed(one, "rounded", vertices, one.triangles[area > 1e-9])
+
+
+def _welded(one: Structure) -> Structure:
+    """All pieces joined to the largest by hair-thin triangles, the nearest first."""
+    piece, corner = mesh_pieces(one), one.vertices[one.triangles]
+    of_vertex = np.full(len(one.vertices), -1)
+    of_vertex[one.triangles.ravel()] = np.repeat(piece, 3)
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    joined, bridges = np.arange(piece.max() + 1) == np.bincount(piece, area).argmax(), []
+    while not joined.all():
+        inside, outside = (np.flatnonzero((of_vertex >= 0) & (joined[of_vertex] == side)) for side in (1, 0))
+        apart, nearest = cKDTree(one.vertices[inside]).query(one.vertices[outside])
+        first = int(apart.argmin())
+        bridges.append((inside[nearest[first]], outside[first]))
+        joined[of_vertex[outside[first]]] = True
+    if not bridges:
+        return one
+    ends = np.array(bridges)
+    third = one.vertices[ends[:, 1]] + _NOISE_M * (one.vertices[ends[:, 0]] - one.vertices[ends[:, 1]]) + 1e-4
+    faces = np.column_stack([ends, len(one.vertices) + np.arange(len(ends))])
+    return _meshed(one, "welded", np.vstack([one.vertices, third]), np.vstack([one.triangles, faces]))
 
 
 def _halved(flight: Demonstration, rng: np.random.Generator) -> Demonstration:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from upplied.geometry.poses import look_at
+from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Structure, SurfaceStates, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -53,6 +54,18 @@ def test_a_variant_of_the_mesh_has_the_same_surface(variant: str) -> None:
         assert len(changed.triangles) == 4 * len(CUBE.triangles)
     if variant == "order":
         assert not np.array_equal(changed.triangles, CUBE.triangles)
+
+
+def test_welded_structures_are_one_piece_of_the_same_surface() -> None:
+    from stability_variants import varied
+
+    bridge, flight = member("bridge-1-v1").structure, fly(CUBE, "sides")
+    assert mesh_pieces(bridge).max() > 2
+    for variant, pieces in (("welded", (1, 0)), ("welded-source", (0, 1)), ("welded-both", (0, 0))):
+        inputs = varied(flight, replace(bridge), replace(bridge), variant)
+        both = inputs.source, inputs.target
+        assert tuple(int(mesh_pieces(one).max() > 0) for one in both) == pieces
+        assert [area(one) for one in both] == pytest.approx([area(bridge)] * 2, rel=1e-3)
 
 
 def test_noise_moves_every_vertex_by_a_millimetre_and_keeps_welds() -> None:
