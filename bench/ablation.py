@@ -22,7 +22,7 @@ from upplied.config import Settings, settings_for
 from upplied.planning.plan import plan_transfer
 from upplied.records import Measures
 
-_TERMS = ("context", "standoff", "clearance", "axis", "turning")
+_TERMS = ("standoff", "clearance", "axis", "turning")
 _SHOWN = (
     ("inspected %", "coverage_inspected_pct"),
     ("seen %", "coverage_seen_pct"),

@@ -238,7 +238,6 @@ FIDELITIES = {"strict": Fidelity(0.25, 1.2), "balanced": Fidelity(0.58, 0.1), "c
 class OptimiseSettings:
     """Weights of the path optimisation, as shares of the surface to show that one unit is worth."""
 
-    context: Share = 0.0  # share of the surroundings in the surface to show
     standoff: Weight = 0.3  # of one stand-off too near or too far, beyond the tolerance, mean square
     standoff_tolerance: Share = 0.08  # share of the required stand-off
     # Of a missing metre of the safety distance, and of a metre nearer than the carried path anywhere.

@@ -11,8 +11,15 @@ from upplied.config import Settings, digest
 from upplied.errors import RefusedError, SettingsError
 from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
-from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
-from upplied.planning.carry.forecast import forecast_of, missing_of, unlikely
+from upplied.planning.carry.counterparts import counterparts_of
+from upplied.planning.carry.forecast import (
+    doubts,
+    forecast_of,
+    least_probability,
+    missing_of,
+    undecided,
+    unlikely,
+)
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study

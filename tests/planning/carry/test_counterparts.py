@@ -12,7 +12,8 @@ from remembered import study_pair
 from upplied.config import settings_for
 from upplied.errors import SettingsError
 from upplied.geometry.scene import scene_of
-from upplied.planning.carry.counterparts import counterparts_of, doubts, undecided
+from upplied.planning.carry.counterparts import counterparts_of
+from upplied.planning.carry.forecast import doubts, undecided
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, mesh_pieces
@@ -113,6 +114,17 @@ def test_an_engine_among_others_that_nothing_tells_apart_is_refused_with_the_rea
     plan = plan_transfer(flight, source, scan, asked_for(**asked))
     assert plan.status == "refused" and plan.trajectory is None
     assert "engine_left=" in plan.reason or "cannot be distinguished" in plan.reason
+
+
+@pytest.mark.ci
+def test_wings_that_were_inspected_both_are_flown_between_structures_of_one_piece(a320, scan):
+    source = one_piece(a320)
+    (take,), found, refused = answers(fly(source, "wings", seed=2), source, scan)
+    assert not refused and any("its surface is one piece" in doubt for doubt in doubts(found))
+    fit = take.pair.surface
+    inspected = (take.inspection.attention.weight > 0.5) & (fit.correspondences.target_index >= 0)
+    there = true_names("b747-v1", scan, fit.correspondences.target_points[inspected])
+    assert np.char.startswith(there, "wing").mean() > 0.9
 
 
 @pytest.mark.ci

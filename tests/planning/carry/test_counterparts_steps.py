@@ -24,10 +24,8 @@ from upplied.planning.carry.counterparts import (
     _Side,
     _without_flown,
     counterparts_of,
-    doubts,
-    undecided,
 )
-from upplied.planning.carry.forecast import missing_of
+from upplied.planning.carry.forecast import doubts, missing_of, undecided
 from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import NOTHING_MISSING, NeverScanned
@@ -234,6 +232,30 @@ def test_each_of_a_kind_is_in_doubt_where_neither_tells_parts() -> None:
     assert "cannot be distinguished on here: its surface is one piece" in hull.doubt
     once = _counterpart(lone, 0, 0.4, side(SOURCE, pieces=False), side(whole, pieces=False), SETTINGS)
     assert once.doubt == ""
+
+
+def test_what_was_inspected_of_one_piece_is_one_and_no_twin_of_itself() -> None:
+    whole = replace(SOURCE, part=np.zeros(len(SOURCE), np.int64))
+    both, one = SOURCE.part > 0, SOURCE.part == 1
+    gaps = replace(NOTHING_MISSING, opening=np.array([3]))
+    for shown, missing, twins in ((both, NOTHING_MISSING, 0), (one, NOTHING_MISSING, 1), (both, gaps, 1)):
+        pods = take(whole, source=whole, skin=SOURCE.part, weight=shown.astype(float), missing=missing)
+        found = _counterpart(pods, 1, 0.5, side(SOURCE, pieces=False), side(whole, pieces=False), SETTINGS)
+        assert found.twins == twins and "its surface is one piece" in found.doubt
+        assert bool(undecided([found], SETTINGS)) == bool(twins)
+
+
+def test_a_stretch_of_one_piece_is_flown_where_most_of_it_lies() -> None:
+    whole = replace(SOURCE, part=np.zeros(len(SOURCE), np.int64))
+    pod = take(SOURCE, np.array([0]), source=whole, skin=SOURCE.part, weight=(SOURCE.part == 1).astype(float))
+    match = pod.pair.surface.correspondences
+    for share, flown_to in ((0.6, "part_2"), (0.4, "part_0")):
+        mine = np.flatnonzero(SOURCE.part == 1)
+        few = round(share * len(mine))
+        match.target_index[mine[:few]] = np.flatnonzero(SOURCE.part == 2)[0]
+        match.target_index[mine[few:]] = np.flatnonzero(SOURCE.part == 0)[0]
+        found = _counterpart(pod, 1, 1.0, side(SOURCE, pieces=False), side(SOURCE), SETTINGS)
+        assert [name[:6] for name in found.flown] == [flown_to] and "no part of it was matched" in found.doubt
 
 
 def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch) -> list[Any]:

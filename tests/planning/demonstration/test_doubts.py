@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from upplied.config import Settings, ViewpointSettings, settings_for
-from upplied.planning.carry.counterparts import doubts, least_probability, undecided
+from upplied.planning.carry.forecast import doubts, least_probability, undecided
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection, find_viewpoints, nothing_shown, prepared
 from upplied.records import Counterpart, Demonstration, Trajectory, Visibility

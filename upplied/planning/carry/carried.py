@@ -26,7 +26,6 @@ from upplied.planning.carry.inspected_surface import (
     area_ratio,
     demonstrated_looks,
     inspected_by,
-    inspected_surface,
 )
 from upplied.planning.carry.standoff import Counted, Standoff, counted, picture_share
 from upplied.planning.correspondence.registration import box_on_box
@@ -111,7 +110,6 @@ class Goal(Record):
     """What the path of a take is to show, and what it is to stay like."""
 
     inspected: InspectedSurface  # N target samples, those that the flight was about
-    seen: Floats  # (N,) as `InspectedSurface.need`, of all that the flight saw
     flown: Floats  # (M, 3) m, the flight as the structure's map carries it
     standoff: Standoff  # of the viewpoints
     reference: Floats  # (K, 3) m, the demonstrated positions, by which the shape is measured
@@ -170,7 +168,6 @@ def _carried(take: Take, settings: Settings) -> Carried:
     at_all_m, _ = inspection.truly.nearest(fit.source.points)
     goal = Goal(
         inspected,
-        seen=inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly).need,
         flown=flown,
         standoff=standoff,
         reference=demonstrated_on_target(take),

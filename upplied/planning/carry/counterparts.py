@@ -22,8 +22,6 @@ from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Ints, Record
 
-_REFUSED = 0.25  # share of what was inspected from which a doubt about it refuses the plan
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Side(Record):
@@ -105,45 +103,6 @@ def _not_repeated(takes: Sequence[Attended]) -> list[Counterpart]:
     return [Counterpart(name, 100.0, twins, 0, doubt=f"no part like {name} {lacks}") for name in names]
 
 
-def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
-    """Why a plan is refused for ambiguous parts, or another number than expected; empty where it is not.
-
-    A part that none is like may be unsure. It is refused where it is the wrong one for as certain as is
-    required of the right one.
-    """
-    rule = settings.correspondence
-    wrong = min(rule.least_probability, 1 - rule.least_probability)
-    for one in counterparts:
-        if not one.doubt or one.inspected_pct < 100 * _REFUSED:
-            continue
-        if rule.repeat:
-            return f"--repeat {rule.repeat} was requested and {one.doubt}"
-        mistaken = one.probability is not None and one.probability < wrong
-        if one.twins or one.found > 1 or (one.found and not one.flown) or mistaken:
-            return doubts([one])[0]
-    if rule.expect is not None and counterparts and (first := counterparts[0]).found != rule.expect:
-        number = f"{first.found} parts like {first.part} are on the target"
-        reason = f"{number}, {rule.expect} are expected (correspondence.expect)"
-        return f"{reason}; {first.doubt}" if first.doubt else reason
-    return ""
-
-
-def least_probability(counterparts: Sequence[Counterpart]) -> float:
-    """Of the least certain counterpart; NaN where none is known."""
-    known = [one.probability for one in counterparts if one.probability is not None]
-    return min(known, default=float("nan"))
-
-
-def doubts(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
-    """What is not certain of the inspected parts, as warnings."""
-    return tuple(
-        f"{one.doubt} ({f'{one.twins} more' if one.twins else 'none'} like it on the source, "
-        f"{one.found} on the target, as far as its parts are known)"
-        for one in counterparts
-        if one.doubt
-    )
-
-
 def _counterpart(
     take: Attended, part: int, share: float, source: _Side, target: _Side, settings: Settings
 ) -> Counterpart:
@@ -151,10 +110,16 @@ def _counterpart(
     matched = [take.choice] if take.choice >= 0 and part == take.part else _matched_parts(take, part, source)
     choices = partial(choices_in, take.pair) if source.pieces else choices_for
     alike = choices(source.parts, part, target.parts, matched).tolist() if target.pieces else []
-    twins = choices_for(source.parts, part, source.parts, [part])
+    twins = choices_for(source.parts, part, source.parts, [part]).tolist()
+    if not source.pieces and not len(take.pair.missing.opening):
+        # Stretches of one piece are no parts: what was inspected of it is one, all together. But of a scan
+        # that lacks something one of them may be what it lacks.
+        inspected = {other for other, _ in inspected_parts(take, source.label)}
+        twins = [part, *set(twins).difference(inspected)]
     known = _probability(take, part, matched, alike, settings) if matched and source.pieces else None
     others = _others_within(take, part, source)
     doubt = _doubt(take, name, share, target, known, settings) if not matched or known is not None else ""
+    flown = matched or ([] if source.pieces else _lies_on(take, part, source, target))
     if others and not doubt:
         apart = f"a part of its own, of which the source has {others} more, and it cannot be distinguished"
         doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
@@ -176,8 +141,8 @@ def _counterpart(
         inspected_pct=round(100 * share, 2),
         twins=len(twins) - 1 + others,
         found=len({*alike, *matched[:1]}),
-        flown=tuple(_name(target.parts, other) for other in matched),
-        left_out=tuple(_name(target.parts, other) for other in alike if other not in matched),
+        flown=tuple(_name(target.parts, other) for other in flown),
+        left_out=tuple(_name(target.parts, other) for other in alike if other not in flown),
         probability=None if known is None else round(known, 4),
         doubt=doubt,
         never_scanned_pct=round(float(100 * weight[gone].sum() / max(weight.sum(), 1e-12)), 2),
@@ -281,6 +246,16 @@ def _matched_parts(take: Attended, part: int, source: _Side) -> list[int]:
         return match.target_parts(part).tolist()
     # The one piece is matched as a whole, which tells nothing of less than the whole.
     return match.target_parts(0).tolist() if source.parts.area[part] > MAJORITY else []
+
+
+def _lies_on(take: Attended, part: int, source: _Side, target: _Side) -> list[int]:
+    """The target's part on which most of what is nearest to a part of the source lies; none where none is."""
+    fit = take.pair.surface
+    index = fit.correspondences.target_index
+    mine = (source.label == part) & (index >= 0)
+    area = np.bincount(target.label[index[mine]], fit.source.areas[mine], minlength=len(target.parts))
+    most = int(area.argmax())
+    return [most] if target.pieces and area[most] > MAJORITY * area.sum() else []
 
 
 def _source(take: Attended) -> _Side:

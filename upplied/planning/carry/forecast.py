@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from upplied.config import Settings
 from upplied.planning.correspondence.certainty import logistic, named_by
 from upplied.planning.correspondence.label_transfer import unnamed_like
 from upplied.planning.correspondence.naming import choices_for, on_sides, side_of
@@ -23,6 +24,7 @@ from upplied.planning.surface.parts import Parts, labels_of
 from upplied.records import Counterpart, Floats, Record, Registration
 
 _LEAST = 16  # patches: of fewer nothing is told
+_REFUSED = 0.25  # share of what was inspected from which a doubt about it refuses the plan
 _WORTH_SAYING_PCT = 1.0  # of what was inspected of a part, from which it is said that it was never scanned
 
 
@@ -115,6 +117,45 @@ def in_words(evidence: Evidence) -> str:
     return (
         f"matched surface {100 * (1 - evidence.without):.0f} %, deviation from the best scaling "
         f"{100 * evidence.bent:.0f} % of the region's size; {whole}"
+    )
+
+
+def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
+    """Why a plan is refused for ambiguous parts, or another number than expected; empty where it is not.
+
+    A part that none is like may be unsure. It is refused where it is the wrong one for as certain as is
+    required of the right one.
+    """
+    rule = settings.correspondence
+    wrong = min(rule.least_probability, 1 - rule.least_probability)
+    for one in counterparts:
+        if not one.doubt or one.inspected_pct < 100 * _REFUSED:
+            continue
+        if rule.repeat:
+            return f"--repeat {rule.repeat} was requested and {one.doubt}"
+        mistaken = one.probability is not None and one.probability < wrong
+        if one.twins or one.found > 1 or (one.found and not one.flown) or mistaken:
+            return doubts([one])[0]
+    if rule.expect is not None and counterparts and (first := counterparts[0]).found != rule.expect:
+        number = f"{first.found} parts like {first.part} are on the target"
+        reason = f"{number}, {rule.expect} are expected (correspondence.expect)"
+        return f"{reason}; {first.doubt}" if first.doubt else reason
+    return ""
+
+
+def least_probability(counterparts: Sequence[Counterpart]) -> float:
+    """Of the least certain counterpart; NaN where none is known."""
+    known = [one.probability for one in counterparts if one.probability is not None]
+    return min(known, default=float("nan"))
+
+
+def doubts(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
+    """What is not certain of the inspected parts, as warnings."""
+    return tuple(
+        f"{one.doubt} ({f'{one.twins} more' if one.twins else 'none'} like it on the source, "
+        f"{one.found} on the target, as far as its parts are known)"
+        for one in counterparts
+        if one.doubt
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 from upplied.config import CloudSettings, digest
 from upplied.provenance import method
 
-METHOD_VERSION = "34"
+METHOD_VERSION = "35"
 
 R = TypeVar("R")
 

@@ -193,14 +193,11 @@ def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
 
 
 def _view(take: Take, goal: Goal, settings: Settings) -> View:
-    """What the target is to show: what was inspected, and with less weight what was seen beside it."""
-    wanted, seen, inspection = goal.inspected, goal.seen, take.inspection
-    context = settings.optimise.context if wanted.need.any() else 1.0
-    own = wanted.need / max(wanted.need.sum(), 1e-12)
-    need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
+    """What the target is to show: what was inspected."""
+    wanted, inspection = goal.inspected, take.inspection
     return View(
         wanted.cloud,
-        need / max(need.sum(), 1e-12),
+        wanted.need / max(wanted.need.sum(), 1e-12),
         _farthest_m(wanted.standoff_m, wanted.need > 0, take, goal, settings),
         wanted.need > 0,
         inspection.camera,

@@ -27,7 +27,7 @@ class View(Record):
     cloud: Cloud  # N surface samples of the target with normals
     need: Floats  # (N,) share of all that is to be shown; sums to 1, 0 where nothing is
     farthest_m: Floats  # (N,) from where a frontal look resolves each, an oblique one times its cosine
-    inspected: Bools  # (N,) those that the demonstration was about; the others lay behind them
+    inspected: Bools  # (N,) those that the demonstration was about; others are required besides
     camera: Camera
     settings: VisibilitySettings
     limits: RetimeSettings
@@ -68,9 +68,9 @@ class View(Record):
         """At most so many samples that stand for all, and their need; two thirds of them inspected ones."""
         chosen, needs = [], []
         inspected = np.flatnonzero((self.need > 0) & self.inspected)
-        context = np.flatnonzero((self.need > 0) & ~self.inspected)
-        first = min(len(inspected), max(2 * most // 3, most - len(context)))
-        for group, count in ((inspected, first), (context, most - first)):
+        others = np.flatnonzero((self.need > 0) & ~self.inspected)
+        first = min(len(inspected), max(2 * most // 3, most - len(others)))
+        for group, count in ((inspected, first), (others, most - first)):
             if len(group) and count:
                 few = group[:count]
                 chosen.append(few)
