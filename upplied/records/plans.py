@@ -119,7 +119,7 @@ class Counterpart(Record):
 
     part: str  # of the source, with its place: ``part_3 (left low)``
     inspected_pct: float  # share of the inspected surface that lies on it
-    twins: int  # other parts of the source of its shape and size
+    twins: int  # other parts of the source of its shape and size; of one piece, those that were not inspected
     found: int  # parts of the target of its shape and size
     flown: tuple[str, ...] = ()  # parts of the target that the plan flies to
     left_out: tuple[str, ...] = ()  # similar parts that it does not fly to, each with the reason

@@ -235,12 +235,17 @@ def test_each_of_a_kind_is_in_doubt_where_neither_tells_parts() -> None:
 
 
 def test_what_was_inspected_of_one_piece_is_one_and_no_twin_of_itself() -> None:
-    whole = replace(SOURCE, part=np.zeros(len(SOURCE), np.int64))
-    both, one = SOURCE.part > 0, SOURCE.part == 1
+    wings = boxes(HULL, ([20, 9, 0], [20, 2, 2]), ([20, -11, 0], [20, 2, 2]), number=60)
     gaps = replace(NOTHING_MISSING, opening=np.array([3]))
-    for shown, missing, twins in ((both, NOTHING_MISSING, 0), (one, NOTHING_MISSING, 1), (both, gaps, 1)):
-        pods = take(whole, source=whole, skin=SOURCE.part, weight=shown.astype(float), missing=missing)
-        found = _counterpart(pods, 1, 0.5, side(SOURCE, pieces=False), side(whole, pieces=False), SETTINGS)
+    for cloud, least, missing, twins in (
+        (wings, 1, NOTHING_MISSING, 0),
+        (wings, 2, NOTHING_MISSING, 1),  # the other wing was not inspected
+        (wings, 1, gaps, 1),
+        (SOURCE, 1, NOTHING_MISSING, 1),  # of pods there may be more
+    ):
+        whole, shown = replace(cloud, part=np.zeros(len(cloud), np.int64)), cloud.part >= least
+        flight = take(whole, source=whole, skin=cloud.part, weight=shown.astype(float), missing=missing)
+        found = _counterpart(flight, 2, 0.5, side(cloud, pieces=False), side(whole, pieces=False), SETTINGS)
         assert found.twins == twins and "its surface is one piece" in found.doubt
         assert bool(undecided([found], SETTINGS)) == bool(twins)
 

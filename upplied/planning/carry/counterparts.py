@@ -20,7 +20,7 @@ from upplied.planning.demonstration.repetition import Attended, Take, choices_in
 from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
-from upplied.records import Counterpart, Ints, Record
+from upplied.records import Bools, Counterpart, Ints, Record
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,8 +62,7 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
 
 def _bodies(inspected: list[tuple[int, float]], take: Attended, source: _Side) -> list[tuple[int, float]]:
     """The same parts and shares, but an inlet that nothing answers counts to the nacelle that it touches."""
-    least = COMPACT * diagonal_of(take.pair.surface.source.points)
-    compact = (source.parts.high - source.parts.low).max(axis=1) <= least
+    compact = _compact(take, source)
     matched = {part: bool(compact[part] and _matched_parts(take, part, source)) for part, _ in inspected}
     shares = dict(inspected)
     for part, share in inspected:
@@ -111,9 +110,9 @@ def _counterpart(
     choices = partial(choices_in, take.pair) if source.pieces else choices_for
     alike = choices(source.parts, part, target.parts, matched).tolist() if target.pieces else []
     twins = choices_for(source.parts, part, source.parts, [part]).tolist()
-    if not source.pieces and not len(take.pair.missing.opening):
-        # Stretches of one piece are no parts: what was inspected of it is one, all together. But of a scan
-        # that lacks something one of them may be what it lacks.
+    if not (source.pieces or len(take.pair.missing.opening) or _compact(take, source)[part]):
+        # Stretches of one piece are no parts: what was inspected of it is one, all together. But there may be
+        # more of small ones on the target, and of a scan that lacks something one may be what it lacks.
         inspected = {other for other, _ in inspected_parts(take, source.label)}
         twins = [part, *set(twins).difference(inspected)]
     known = _probability(take, part, matched, alike, settings) if matched and source.pieces else None
@@ -150,6 +149,12 @@ def _counterpart(
     )
 
 
+def _compact(take: Attended, source: _Side) -> Bools:
+    """Which parts (K,) of the source are so small that there may be others of their kind: engines, piers."""
+    least = COMPACT * diagonal_of(take.pair.surface.source.points)
+    return np.asarray((source.parts.high - source.parts.low).max(axis=1) <= least, bool)
+
+
 def _others_within(take: Attended, part: int, source: _Side) -> int:
     """How many stretches of skin are like the inspected one, where that is a piece of its part, as an engine
     that was modelled, or scanned, as one with its wing."""
@@ -157,7 +162,7 @@ def _others_within(take: Attended, part: int, source: _Side) -> int:
         return 0
     cloud, skin = take.pair.surface.source, take.stretch
     area, mine, least = cloud.areas, source.label == part, COMPACT * diagonal_of(cloud.points)
-    if (source.parts.high - source.parts.low)[part].max() <= least:
+    if _compact(take, source)[part]:
         return 0  # a body of its own
     most = int(np.bincount(skin[mine], (area * take.weight)[mine]).argmax())
     share = np.bincount(skin, area * take.weight) / np.maximum(np.bincount(skin, area), 1e-12)
