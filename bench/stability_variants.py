@@ -16,7 +16,7 @@ VARIANTS = ("given", "noise1", "noise2", "order", "divided", "rounded", "seed1",
 #: Not of the eight: the source's vertices moved, the target as given under another kernel, and one of the
 #: structures, or both, welded to one piece, as many programs export them: no mesh tells its parts.
 MORE = ("source1", "kernel", "welded", "welded-source", "welded-both")
-_NOISE_M, _ROUNDED_M, _HALF_NOISE_M = 1e-3, 1e-2, 0.02
+_NOISE_M, _ROUNDED_M, _HALF_NOISE_M, _HAIR_M = 1e-3, 1e-2, 0.02, 1e-4
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _welded(one: Structure) -> Structure:
     if not bridges:
         return one
     ends = np.array(bridges)
-    third = one.vertices[ends[:, 1]] + _NOISE_M * (one.vertices[ends[:, 0]] - one.vertices[ends[:, 1]]) + 1e-4
+    third = one.vertices[ends[:, 1]] + _HAIR_M
     faces = np.column_stack([ends, len(one.vertices) + np.arange(len(ends))])
     return _meshed(one, "welded", np.vstack([one.vertices, third]), np.vstack([one.triangles, faces]))
 

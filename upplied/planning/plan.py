@@ -27,7 +27,14 @@ from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.measures.picture_score import photos_of
-from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls, slow
+from upplied.planning.measures.verdict import (
+    in_the_way,
+    odd_shape,
+    of_other_kinds,
+    shortfalls,
+    sizes_beyond,
+    slow,
+)
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
@@ -97,24 +104,6 @@ def plan_transfer(
     return replace(plan, **moved, registration=registration_from(here, there, plan.registration))
 
 
-def _sizes_beyond(source: Structure, target: Structure, most: float, setting: str) -> str:
-    """That two structures differ by more than so many times in size, in words; empty where they do not."""
-    sizes = (source.diagonal_m, target.diagonal_m)
-    ratio = float(max(sizes) / max(min(sizes), 1e-9))
-    if ratio <= most:
-        return ""
-    given = f"the target is {target.diagonal_m:.3g} m across, the source {source.diagonal_m:.3g} m"
-    return f"{given}: {ratio:.1f} times, more than {most:g} (verdict.{setting}); check their units"
-
-
-def _of_other_kinds(source: Structure, target: Structure) -> str:
-    """That two structures are declared to be of other kinds, in words; empty where they are of one."""
-    if source.kind == target.kind:
-        return ""
-    kinds = f"the target is of kind {target.kind}, the source of kind {source.kind}"
-    return f"{kinds}: a flight is carried within its kind; declare one kind for both where they are alike"
-
-
 def _begun(demonstration: Demonstration, source: Structure, target: Structure, settings: Settings) -> Plan:
     plan = Plan(
         demonstration_id=demonstration.demonstration_id,
@@ -126,11 +115,11 @@ def _begun(demonstration: Demonstration, source: Structure, target: Structure, s
     )
     # Are they of one kind, and of like size, or was a unit mistaken?
     rule = settings.verdict
-    wrong = _of_other_kinds(source, target)
-    wrong = wrong or _sizes_beyond(source, target, rule.most_size_ratio, "most_size_ratio")
+    wrong = of_other_kinds(source, target)
+    wrong = wrong or sizes_beyond(source, target, rule.most_size_ratio, "most_size_ratio")
     if wrong and rule.enforce:
         return replace(plan, status="refused", reason=wrong)
-    odd = "" if wrong else _sizes_beyond(source, target, rule.odd_size_ratio, "odd_size_ratio")
+    odd = "" if wrong else sizes_beyond(source, target, rule.odd_size_ratio, "odd_size_ratio")
     return replace(plan, warnings=(odd,) if odd else (), not_flyable=wrong)
 
 

@@ -250,17 +250,18 @@ def test_what_was_inspected_of_one_piece_is_one_and_no_twin_of_itself() -> None:
         assert bool(undecided([found], SETTINGS)) == bool(twins)
 
 
-def test_a_stretch_of_one_piece_is_flown_where_most_of_it_lies() -> None:
+def test_a_stretch_of_one_piece_is_flown_where_most_of_it_lies_if_that_is_like_it() -> None:
     whole = replace(SOURCE, part=np.zeros(len(SOURCE), np.int64))
     pod = take(SOURCE, np.array([0]), source=whole, skin=SOURCE.part, weight=(SOURCE.part == 1).astype(float))
-    match = pod.pair.surface.correspondences
-    for share, flown_to in ((0.6, "part_2"), (0.4, "part_0")):
-        mine = np.flatnonzero(SOURCE.part == 1)
+    index, mine = pod.pair.surface.correspondences.target_index, np.flatnonzero(SOURCE.part == 1)
+    for share, flown_to in ((0.6, ["part_2"]), (0.4, [])):  # the rest lies on the hull
         few = round(share * len(mine))
-        match.target_index[mine[:few]] = np.flatnonzero(SOURCE.part == 2)[0]
-        match.target_index[mine[few:]] = np.flatnonzero(SOURCE.part == 0)[0]
+        index[mine[:few]] = np.flatnonzero(SOURCE.part == 2)[0]
+        index[mine[few:]] = np.flatnonzero(SOURCE.part == 0)[0]
         found = _counterpart(pod, 1, 1.0, side(SOURCE, pieces=False), side(SOURCE), SETTINGS)
-        assert [name[:6] for name in found.flown] == [flown_to] and "no part of it was matched" in found.doubt
+        assert [name[:6] for name in found.flown] == flown_to and "no part of it was matched" in found.doubt
+    lone = replace(found, twins=0, found=1)
+    assert undecided([lone], SETTINGS) and not undecided([replace(lone, flown=("part_2",))], SETTINGS)
 
 
 def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch) -> list[Any]:

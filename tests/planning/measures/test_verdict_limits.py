@@ -15,8 +15,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.measures import verdict
-from upplied.planning.measures.verdict import shortfalls
-from upplied.planning.plan import _sizes_beyond
+from upplied.planning.measures.verdict import shortfalls, sizes_beyond
 from upplied.records import Measures, Structure, Surroundings, Trajectory
 
 SETTINGS = settings_for(
@@ -129,7 +128,7 @@ def cube(size: float) -> Structure:
 @pytest.mark.parametrize("setting", ["most_size_ratio", "odd_size_ratio"])
 def test_sizes_are_compared_both_ways(setting: str) -> None:
     ratio = getattr(SETTINGS.verdict, setting)
-    beyond = partial(_sizes_beyond, most=ratio, setting=setting)
+    beyond = partial(sizes_beyond, most=ratio, setting=setting)
     for pair in ((1.0, ratio * 0.999), (ratio * 0.999, 1.0)):
         assert beyond(cube(pair[0]), cube(pair[1])) == ""
     words = beyond(cube(1.0), cube(ratio * 1.001))

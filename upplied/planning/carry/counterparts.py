@@ -109,16 +109,15 @@ def _counterpart(
     matched = [take.choice] if take.choice >= 0 and part == take.part else _matched_parts(take, part, source)
     choices = partial(choices_in, take.pair) if source.pieces else choices_for
     alike = choices(source.parts, part, target.parts, matched).tolist() if target.pieces else []
-    twins = choices_for(source.parts, part, source.parts, [part]).tolist()
+    twins = {*choices_for(source.parts, part, source.parts, [part]).tolist()} - {part}
     if not (source.pieces or len(take.pair.missing.opening) or _compact(take, source)[part]):
         # Stretches of one piece are no parts: what was inspected of it is one, all together. But there may be
         # more of small ones on the target, and of a scan that lacks something one may be what it lacks.
-        inspected = {other for other, _ in inspected_parts(take, source.label)}
-        twins = [part, *set(twins).difference(inspected)]
+        twins -= {other for other, _ in inspected_parts(take, source.label)}
     known = _probability(take, part, matched, alike, settings) if matched and source.pieces else None
     others = _others_within(take, part, source)
     doubt = _doubt(take, name, share, target, known, settings) if not matched or known is not None else ""
-    flown = matched or ([] if source.pieces else _lies_on(take, part, source, target))
+    flown = matched or ([] if source.pieces else _lies_on(take, part, source, target, alike))
     if others and not doubt:
         apart = f"a part of its own, of which the source has {others} more, and it cannot be distinguished"
         doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
@@ -138,7 +137,7 @@ def _counterpart(
     return Counterpart(
         part=name,
         inspected_pct=round(100 * share, 2),
-        twins=len(twins) - 1 + others,
+        twins=len(twins) + others,
         found=len({*alike, *matched[:1]}),
         flown=tuple(_name(target.parts, other) for other in flown),
         left_out=tuple(_name(target.parts, other) for other in alike if other not in flown),
@@ -253,14 +252,14 @@ def _matched_parts(take: Attended, part: int, source: _Side) -> list[int]:
     return match.target_parts(0).tolist() if source.parts.area[part] > MAJORITY else []
 
 
-def _lies_on(take: Attended, part: int, source: _Side, target: _Side) -> list[int]:
-    """The target's part on which most of what is nearest to a part of the source lies; none where none is."""
+def _lies_on(take: Attended, part: int, source: _Side, target: _Side, alike: list[int]) -> list[int]:
+    """Of the target's parts that are like one of the source the one on which most of it lies, if any."""
     fit = take.pair.surface
     index = fit.correspondences.target_index
     mine = (source.label == part) & (index >= 0)
     area = np.bincount(target.label[index[mine]], fit.source.areas[mine], minlength=len(target.parts))
     most = int(area.argmax())
-    return [most] if target.pieces and area[most] > MAJORITY * area.sum() else []
+    return [most] if most in alike and area[most] > MAJORITY * area.sum() else []
 
 
 def _source(take: Attended) -> _Side:
