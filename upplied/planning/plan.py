@@ -22,6 +22,7 @@ from upplied.planning.carry.forecast import (
 )
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
+from upplied.planning.correspondence.misfit import of_other_kinds, sizes_beyond
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
@@ -30,9 +31,7 @@ from upplied.planning.measures.picture_score import photos_of
 from upplied.planning.measures.verdict import (
     in_the_way,
     odd_shape,
-    of_other_kinds,
     shortfalls,
-    sizes_beyond,
     slow,
 )
 from upplied.planning.surface.frames import (

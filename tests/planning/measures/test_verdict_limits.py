@@ -13,9 +13,10 @@ import pytest
 from upplied.config import Settings, settings_for
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
+from upplied.planning.correspondence.misfit import sizes_beyond
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.measures import verdict
-from upplied.planning.measures.verdict import shortfalls, sizes_beyond
+from upplied.planning.measures.verdict import shortfalls
 from upplied.records import Measures, Structure, Surroundings, Trajectory
 
 SETTINGS = settings_for(

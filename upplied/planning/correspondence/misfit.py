@@ -17,7 +17,7 @@ from upplied.planning.correspondence.naming import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
 from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, nearest_facing, spacing
 from upplied.planning.surface.parts import blades_of
-from upplied.records import Cloud, Floats, Record, Registration
+from upplied.records import Cloud, Floats, Record, Registration, Structure
 
 _CELLS = 16  # along each axis of the common box
 _SAMPLES = 1000  # of each structure, asked for their distance
@@ -45,6 +45,24 @@ class Misfit(Record):
             f"{100 * self.overlap:.0f} % of the space is common, the surfaces are apart by "
             f"{100 * self.gap:.1f} % of the diagonal, stretched unevenly {np.exp(self.stretch):.2f} : 1"
         )
+
+
+def sizes_beyond(source: Structure, target: Structure, most: float, setting: str) -> str:
+    """That two structures differ by more than so many times in size, in words; empty where they do not."""
+    sizes = (source.diagonal_m, target.diagonal_m)
+    ratio = float(max(sizes) / max(min(sizes), 1e-9))
+    if ratio <= most:
+        return ""
+    given = f"the target is {target.diagonal_m:.3g} m across, the source {source.diagonal_m:.3g} m"
+    return f"{given}: {ratio:.1f} times, more than {most:g} (verdict.{setting}); check their units"
+
+
+def of_other_kinds(source: Structure, target: Structure) -> str:
+    """That two structures are declared to be of other kinds, in words; empty where they are of one."""
+    if source.kind == target.kind:
+        return ""
+    kinds = f"the target is of kind {target.kind}, the source of kind {source.kind}"
+    return f"{kinds}: a flight is carried within its kind; declare one kind for both where they are alike"
 
 
 def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: Floats = UNTURNED) -> Misfit:

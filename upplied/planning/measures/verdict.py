@@ -29,24 +29,6 @@ _TOLERANCE = 1.05  # of speeds and accelerations, which are read off differences
 _TRANSIT_M, _TRANSIT_S = 50.0, 60.0  # that any plan may add for its ways
 
 
-def sizes_beyond(source: Structure, target: Structure, most: float, setting: str) -> str:
-    """That two structures differ by more than so many times in size, in words; empty where they do not."""
-    sizes = (source.diagonal_m, target.diagonal_m)
-    ratio = float(max(sizes) / max(min(sizes), 1e-9))
-    if ratio <= most:
-        return ""
-    given = f"the target is {target.diagonal_m:.3g} m across, the source {source.diagonal_m:.3g} m"
-    return f"{given}: {ratio:.1f} times, more than {most:g} (verdict.{setting}); check their units"
-
-
-def of_other_kinds(source: Structure, target: Structure) -> str:
-    """That two structures are declared to be of other kinds, in words; empty where they are of one."""
-    if source.kind == target.kind:
-        return ""
-    kinds = f"the target is of kind {target.kind}, the source of kind {source.kind}"
-    return f"{kinds}: a flight is carried within its kind; declare one kind for both where they are alike"
-
-
 def shortfalls(
     trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings
 ) -> tuple[str, ...]:
