@@ -46,13 +46,7 @@ def export(transfer: PlanId, /, *, to: Format, output: File, flags: Flags = None
 
 
 def brief(
-    transfer: PlanId,
-    /,
-    *,
-    to: Format = "qgc-plan",
-    output: Html,
-    flags: Flags = None,
-    where: Where = HERE,
+    transfer: PlanId, /, *, to: Format = "qgc-plan", output: Html, flags: Flags = None, where: Where = HERE
 ) -> int:
     """Write the pilot's brief: map, heights, flights, verdict.
 

@@ -32,13 +32,7 @@ CleanOption = Annotated[bool, Parameter(help="Also write NAME-clean.ply without 
 
 @app.command
 def add(
-    manifest: Path,
-    /,
-    *,
-    prune: Prune = False,
-    flags: Rules = USUAL,
-    workers: Cores = 0,
-    where: Where = HERE,
+    manifest: Path, /, *, prune: Prune = False, flags: Rules = USUAL, workers: Cores = 0, where: Where = HERE
 ) -> int:
     """Import the meshes of a manifest; each is checked against its kind (docs/checks.md).
 

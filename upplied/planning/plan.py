@@ -28,12 +28,7 @@ from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.measures.picture_score import photos_of
-from upplied.planning.measures.verdict import (
-    in_the_way,
-    odd_shape,
-    shortfalls,
-    slow,
-)
+from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls, slow
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation
 from upplied.catalog import Catalog
 from upplied.config import digest, settings_for
 from upplied.geometry.scene import scene_of
-from upplied.planning.correspondence.memo import content_key, surface_key
+from upplied.planning.correspondence.memo import content_key
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import TRULY, Views, views
 from upplied.recommend.foresee import FORESIGHT_VERSION, Inspected, inspected
@@ -187,7 +187,7 @@ class Shapes:
             known = structure()
             return surface_samples(known, scene_of(known), self.clouds)
 
-        return self.catalog.cache("clouds", Cloud, surface_key(sha256, self.clouds), sampled)
+        return self.catalog.cache("clouds", Cloud, content_key("surface", sha256, self.clouds), sampled)
 
     def _inspected(
         self, flight_sha256: str, structure_sha256: str, both: Callable[[], tuple[Demonstration, Structure]]

@@ -16,6 +16,7 @@ from upplied.planning.carry.counterparts import (
     _both,
     _counterpart,
     _doubt,
+    _is_one_there,
     _matched_parts,
     _no_part_twice,
     _not_repeated,
@@ -301,7 +302,7 @@ def within(inspected: list[int], weight: float = 1.0, places: list[Any] | None =
     assert skin is not None
     whole = replace(cloud, part=np.zeros(len(cloud), np.int64))
     own = take(source=whole, target=whole, weight=weight * np.isin(skin, inspected), skin=skin)
-    return _others_within(own, part, side(whole))
+    return _others_within(own, part, side(whole), side(whole), [])
 
 
 def test_other_stretches_like_the_inspected_piece_of_a_part_are_counted() -> None:
@@ -315,7 +316,58 @@ def test_other_stretches_like_the_inspected_piece_of_a_part_are_counted() -> Non
     )  # as long as a hull
     assert within([1], places=[([20, 9, 0], [11, 2, 2]), ([20, -11, 0], [11, 2, 2])]) == 1
     pieces = take(weight=np.zeros(180), skin=SOURCE.part)
-    assert _others_within(pieces, 0, side(SOURCE, pieces=False)) == 0
+    assert _others_within(pieces, 0, side(SOURCE, pieces=False), side(SOURCE), []) == 0
+
+
+def test_what_other_parts_have_of_a_kind_their_counterparts_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud = boxes(HULL, LEFT, ([0, 46, 0], HULL[1]), ([20, 59, 0], POD), number=60)
+    skin = cloud.part
+    assert skin is not None
+    whole = replace(cloud, part=skin // 2)  # two hulls, a pod on each
+    own = take(source=whole, target=whole, weight=(skin == 1).astype(float), skin=skin)
+    for there, others in ((True, 0), (False, 1)):
+        monkeypatch.setattr(counterparts, "_is_one_there", lambda *_, there=there: there)
+        assert _others_within(own, 0, side(whole), side(whole), [0]) == others
+        assert within([1]) == 2  # of one part it tells nothing
+        one = replace(cloud, part=np.where(skin == 2, 1, 0))  # both pods are the first hull's
+        both = take(source=one, target=one, weight=(skin == 1).astype(float), skin=skin)
+        assert _others_within(both, 0, side(one), side(one), [0]) == 1
+
+
+def test_of_a_lattice_no_single_bar_was_meant() -> None:
+    bars = [LEFT, ([20, 20, 0], [2, 6, 2]), ([30, 20, 0], [2, 2, 6]), ([40, 20, 0], [3, 3, 3]), RIGHT]
+    assert within([1, 2, 3, 4], places=bars) == 0
+    assert within([1], places=bars) > 0
+
+
+@pytest.mark.parametrize(
+    ("label", "to", "there"),
+    [
+        ([0, 1, 2], 1, True),
+        ([0, 1, 1], 1, True),  # of which it is a piece
+        ([0, 1, 2], 0, False),  # as long as the hull
+        ([0, 1, 2], -1, False),  # no counterpart
+    ],
+)
+def test_a_stretch_is_told_by_its_part_that_has_one_like_it(
+    label: list[int], to: int, there: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    skin = SOURCE.part
+    assert skin is not None
+    monkeypatch.setattr(counterparts, "scene_of", lambda _: None)
+    monkeypatch.setattr(
+        counterparts, "skin_parts", lambda *_: SimpleNamespace(label=np.array(label)[skin].copy())
+    )
+    own = take(matched=np.array([0, 1, 2]))
+    index = np.full(len(SOURCE), -1)
+    index[skin == 1] = np.flatnonzero(skin == to) if to >= 0 else -1
+    match = replace(own.pair.surface.correspondences, target_index=index)
+    own.pair.surface = replace(own.pair.surface, correspondences=match)  # type: ignore[misc]
+    stretches = parts_of(SOURCE)
+    assert _is_one_there(own, stretches, 1, side(SOURCE), [0, 1]) == there
+    assert not _is_one_there(own, stretches, 1, side(SOURCE), [0])  # it lies on another part
+    if label == [0, 1, 2]:
+        assert not _is_one_there(own, stretches, 1, side(SOURCE), [0, 1, 2])  # that has two
 
 
 def test_parts_on_a_side_for_which_nothing_is_flown_are_told() -> None:

@@ -178,14 +178,35 @@ def test_what_boxes_leave_is_matched_by_name(
     name: list[int], pinned: dict[int, int], source: list[int], target: list[int]
 ) -> None:
     known = Matching(np.array([0, 1, -1]), np.array([0, -1, 1, -1]))
-    found = with_named(known, np.array(name), row_of_boxes(3), row_of_boxes(4), pinned)
+    found = with_named(known, np.array(name), np.zeros((4, 3)), row_of_boxes(3), row_of_boxes(4), pinned)
     assert found.source_class.tolist() == source and found.target_class.tolist() == target
 
 
 def test_two_pieces_of_one_name_are_one_class() -> None:
     known = Matching(np.array([-1, 0]), np.array([-1, 0, -1]))
-    found = with_named(known, np.array([0, 1, 0]), row_of_boxes(2), row_of_boxes(3), {})
+    found = with_named(known, np.array([0, 1, 0]), np.zeros((3, 2)), row_of_boxes(2), row_of_boxes(3), {})
     assert counterparts(found, 0) == [0, 2] and counterparts(found, 1) == [1]
+
+
+@pytest.mark.parametrize(
+    ("fin", "elsewhere", "pinned", "classes"),
+    [
+        (0.08, 0.0, {}, [0, 1, 1, 1, -1]),  # a T-tail: a fin and two stabilisers, but no mast beside them
+        (0.01, 0.0, {}, [0, -1, -1, -1, -1]),  # most of it is something else
+        (0.08, 0.09, {}, [0, -1, -1, -1, -1]),  # most of the fin comes elsewhere
+        (0.08, 0.0, {1: 2}, [0, -1, -1, -1, -1]),  # the user said something else of the fin
+    ],
+)
+def test_parts_that_make_up_one_correspond_to_it(
+    fin: float, elsewhere: float, pinned: dict[int, int], classes: list[int]
+) -> None:
+    known = Matching(np.array([0, -1, -1, -1, -1]), np.array([0, -1, -1]))
+    brought = np.array([[0.7, elsewhere, 0, 0, 0], [0, fin, 0.04, 0.04, 0.005], [0.0] * 5])
+    target = replace(row_of_boxes(3), area=np.array([0.7, 0.2, 0.1]))
+    found = with_named(known, np.full(3, -1), brought, row_of_boxes(5), target, pinned)
+    assert found.source_class.tolist() == classes
+    assert found.target_class.tolist() == [0, max(classes) if 1 in classes else -1, -1]
+    assert known.source_class.tolist() == [0, -1, -1, -1, -1]  # as it was
 
 
 def row_of_boxes(number: int) -> Parts:
@@ -199,8 +220,8 @@ def test_what_is_named_on_one_side_has_its_mirror_image_on_the_other() -> None:
     craft = parts(low, np.array([[60.0, 4, 4], [5, 3, 3], [5, 3, 3], [5, 3, 3], [5, 3, 3]]))
     craft = replace(craft, side=sides(craft.low, craft.high, craft.low.min(axis=0), craft.high.max(axis=0)))
     known = Matching(np.array([0, -1, -1, -1, -1]), np.array([0, -1, -1, -1, -1]))
-    found = with_named(known, np.array([-1, 1, -1, 3, -1]), craft, craft, {})
+    found = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), craft, craft, {})
     assert [counterparts(found, part) for part in range(5)] == [[0], [1], [2], [3], []]
     unknown = replace(craft, side=np.full((5, 2), np.nan))  # a structure that is not its own mirror image
-    found = with_named(known, np.array([-1, 1, -1, 3, -1]), unknown, unknown, {})
+    found = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), unknown, unknown, {})
     assert [counterparts(found, part) for part in range(5)] == [[0], [1], [], [3], []]

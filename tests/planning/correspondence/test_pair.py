@@ -14,7 +14,7 @@ from upplied.config import settings_for
 from upplied.planning.correspondence import fit as pair_fits
 from upplied.planning.correspondence import pair, registration
 from upplied.planning.correspondence.fit import Fit, named_by_displacement, surface_settings, voxel_settings
-from upplied.planning.correspondence.memo import content_key, no_memo, remembering, surface_key
+from upplied.planning.correspondence.memo import content_key, no_memo, remembering
 from upplied.planning.correspondence.pair import Task, study_pair
 from upplied.planning.correspondence.registration import Declared
 from upplied.planning.geometry.clouds import in_source_frame
@@ -76,8 +76,8 @@ def test_a_key_holds_all_that_went_in() -> None:
     keys = [content_key(*parts) for parts in (("a", 1), ("a", 2), ("b", 1), ("a", 1, 1), (("a", 1),))]
     assert len(set(keys)) == 5 and content_key("a", 1) == keys[0]
     clouds = RECOMMENDED.clouds
-    assert surface_key("hash", clouds) == content_key("surface", "hash", clouds)
-    assert surface_key("hash", clouds) != surface_key("hash", replace(clouds, seed=1))
+    key, other = (content_key("surface", "hash", one) for one in (clouds, replace(clouds, seed=1)))
+    assert key == content_key("surface", "hash", clouds) != other
 
 
 def test_what_has_no_hash_is_not_remembered() -> None:

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from upplied.config import Settings
+from upplied.geometry.scene import scene_of
 from upplied.planning.carry.forecast import odd_number
 from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY
 from upplied.planning.correspondence.certainty import SAME_KIND, certainty, evidence_of_same_kind, probability
@@ -20,6 +21,7 @@ from upplied.planning.demonstration.repetition import Attended, Take, choices_in
 from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
+from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Counterpart, Ints, Record
 
 
@@ -115,7 +117,7 @@ def _counterpart(
         # more of small ones on the target, and of a scan that lacks something one may be what it lacks.
         twins -= {other for other, _ in inspected_parts(take, source.label)}
     known = _probability(take, part, matched, alike, settings) if matched and source.pieces else None
-    others = _others_within(take, part, source)
+    others = _others_within(take, part, source, target, matched)
     doubt = _doubt(take, name, share, target, known, settings) if not matched or known is not None else ""
     flown = matched or ([] if source.pieces else _lies_on(take, part, source, target, alike))
     if others and not doubt:
@@ -154,28 +156,47 @@ def _compact(take: Attended, source: _Side) -> Bools:
     return np.asarray((source.parts.high - source.parts.low).max(axis=1) <= least, bool)
 
 
-def _others_within(take: Attended, part: int, source: _Side) -> int:
+def _others_within(take: Attended, part: int, source: _Side, target: _Side, matched: list[int]) -> int:
     """How many stretches of skin are like the inspected one, where that is a piece of its part, as an engine
     that was modelled, or scanned, as one with its wing."""
-    if not source.pieces:
-        return 0
+    if not source.pieces or _compact(take, source)[part]:
+        return 0  # or a body of its own
     cloud, skin = take.pair.surface.source, take.stretch
     area, mine, least = cloud.areas, source.label == part, COMPACT * diagonal_of(cloud.points)
-    if _compact(take, source)[part]:
-        return 0  # a body of its own
-    most = int(np.bincount(skin[mine], (area * take.weight)[mine]).argmax())
-    share = np.bincount(skin, area * take.weight) / np.maximum(np.bincount(skin, area), 1e-12)
-    inspected = share > MAJORITY * share[most]  # as the stretch that was inspected most, or nearly
-    if area[mine & inspected[skin]].sum() > MAJORITY * area[mine].sum():
-        return 0
     stretches = parts_of(replace(cloud, part=skin))
-    if (stretches.high - stretches.low)[most].max() > least:
-        return 0
-    alike = choices_for(stretches, most, stretches, [most])
+    whole, shown = np.bincount(skin, area), np.bincount(skin, area * take.weight)
+    own, own_shown = (np.bincount(skin, area * of * mine) for of in (1.0, take.weight))
+    most = int(own_shown.argmax())
+    inspected = shown / whole > MAJORITY * shown[most] / whole[most]  # as that one was, or nearly
+    alike = np.append(choices_for(stretches, most, stretches, [most]), most)
+    apart = np.linalg.norm(stretches.middle[:, None] - stretches.middle[alike], axis=2)
     # What lies where this does is the same thing: the other half of a nacelle, the lower side of a wing.
-    apart = np.linalg.norm(stretches.middle[alike] - stretches.middle[most], axis=1)
-    elsewhere = apart > np.linalg.norm((stretches.high - stretches.low)[most]) / 2
-    return int((elsewhere & ~inspected[alike]).sum())
+    size = (stretches.high - stretches.low)[most]
+    there = apart <= np.linalg.norm(size) / 2
+    others = np.zeros(len(stretches), bool)
+    others[alike] = (~inspected & ~there[:, -1])[alike]
+    piece = own[inspected].sum() <= MAJORITY * own.sum() and size.max() <= least
+    # Not a bar of a lattice: what was inspected are things of its kind.
+    if not (others.any() and piece and own_shown[there.any(axis=1)].sum() > MAJORITY * own_shown.sum()):
+        return 0
+    elsewhere = not (others & (own > MAJORITY * whole)).any()
+    if elsewhere and _is_one_there(take, stretches, most, target, matched):
+        return 0  # what other parts have of the kind their counterparts tell
+    return int(others.sum())
+
+
+def _is_one_there(take: Attended, stretches: Parts, most: int, target: _Side, matched: list[int]) -> bool:
+    """Whether a stretch of the source comes to a place like it, the only one on those parts of the target."""
+    skin = skin_parts(take.pair.target, scene_of(take.pair.target), take.pair.surface.target).label
+    index = take.pair.surface.correspondences.target_index[take.stretch == most]
+    index = index[index >= 0]
+    rest = np.isin(skin, skin[index])  # of what it is a piece of there
+    rest[index] = False
+    skin[index] = skin.max() + 1
+    skin = np.unique(skin, return_inverse=True)[1].reshape(-1)
+    lies = np.bincount(skin, np.isin(target.label, matched) & ~rest) > MAJORITY * np.bincount(skin)
+    alike = choices_for(stretches, most, parts_of(replace(take.pair.surface.registered, part=skin)))
+    return len(index) > 0 and alike[lies[alike]].tolist() == [skin.max()]
 
 
 def _probability(

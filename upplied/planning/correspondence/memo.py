@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 
-from upplied.config import CloudSettings, digest
+from upplied.config import digest
 from upplied.provenance import method
 
-METHOD_VERSION = "35"
+METHOD_VERSION = "36"
 
 R = TypeVar("R")
 
@@ -31,8 +31,3 @@ def remembering(memo: Memo, *hashes: str) -> Memo:
 def content_key(*parts: Any) -> str:
     """Key of a result in the cache: the method as it is, its libraries, and all that went in."""
     return digest({"method": METHOD_VERSION, **method(), "parts": [digest(part) for part in parts]})
-
-
-def surface_key(structure_sha256: str, clouds: CloudSettings) -> str:
-    """Key of a structure's surface samples."""
-    return content_key("surface", structure_sha256, clouds)

@@ -22,7 +22,7 @@ from upplied.planning.correspondence.fit import (
     without_counterparts,
 )
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
-from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering, surface_key
+from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.never_scanned import (
     NOTHING_MISSING,
     NeverScanned,
@@ -267,7 +267,7 @@ def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
 def samples_of(structure: Structure, settings: Settings, memo: Memo = no_memo) -> Cloud:
     """Samples of a structure's surface, remembered with it."""
     clouds, memo = settings.clouds, remembering(memo, structure.sha256)
-    key = surface_key(structure.sha256, clouds)
+    key = content_key("surface", structure.sha256, clouds)
     return memo("clouds", Cloud, key, lambda: surface_samples(structure, scene_of(structure), clouds))
 
 

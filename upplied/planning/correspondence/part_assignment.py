@@ -18,7 +18,7 @@ from upplied.planning.surface.parts import Parts, mirror_images, sides
 from upplied.records import Bools, Floats, Ints, Record
 
 _ALIKE = 1.8  # ratio of extents along an axis, boxes matched, up to which parts surely correspond
-_PART_OF = 0.2  # least share of the common surface, for each of two parts that make up one
+_PART_OF = 0.2  # least share of the common surface, for each of the parts that make up one
 _NEIGHBOURS = 0.6  # weight of lost contact, and of changed places, of parts that touch
 _TRIES = 3
 
@@ -191,15 +191,23 @@ def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: 
 
 
 def with_named(
-    matching: Matching, name: Ints, source: Parts, target: Parts, pinned: Mapping[int, int]
+    matching: Matching, name: Ints, brought: Floats, source: Parts, target: Parts, pinned: Mapping[int, int]
 ) -> Matching:
-    """Let parts of the target that were matched with none correspond to the source part they are named by.
+    """Let parts that were matched with none correspond to what comes to them, or what they come to.
 
-    A fuselage of which the middle was never scanned is two parts, a pier without its cap has another box.
-    `name` (L,) is that source part, -1 where there is none; `pinned` parts, as the user named them, stay.
-    What holds on one side of structures that are their own mirror images holds on the other side.
+    A fuselage of which the middle was never scanned is two parts, a pier without its cap has another box, and
+    a T-tail makes one part of a fin and two stabilisers. `name` (L,) is the source part that each target part
+    is named by, -1 where there is none; `brought` (L, K) how much of the target's surface lies on each of its
+    parts and is what each source part comes to. `pinned` parts, as the user named them, stay. What is named
+    on one side of structures that are their own mirror images holds on the other side.
     """
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
+    for other in np.flatnonzero(target_class < 0):
+        mine = (source_class < 0) & (brought[other] > MAJORITY * brought.sum(axis=0))
+        mine[list(pinned)] = False
+        mine &= brought[other] > _PART_OF * brought[other, mine].sum()
+        if brought[other, mine].sum() > MAJORITY * target.area[other]:
+            source_class[mine] = target_class[other] = max(source_class.max(), target_class.max()) + 1
     name = name.copy()
     for axis in (1, 0):
         here, there = mirror_images(source, axis), mirror_images(target, axis)
