@@ -22,8 +22,8 @@ from upplied.planning.surface.parts import blades_of, labels_of, parts_of
 from upplied.records import Cloud, Floats, Frame, Record, Registration, Structure
 
 # Where the boxes alone would refuse: how well, in gates, the target's surface must lie on the source, and how
-# much of it it must cover. Of 38 real meshes, whole or cut, 0 of 460 pairs of other kinds are accepted so, 0
-# of 17 of the same kind by a wrong way, and 8 of 13 by a right one; from 0.25 on a hotel lies on a hull.
+# much of that it must cover. Of 38 real meshes, whole or cut, 0 of 460 pairs of other kinds are accepted so,
+# 0 of 17 of the same kind by a wrong way, and 8 of 13 by a right one; from 0.25 on a hotel lies on a hull.
 # At a smaller misfit of the boxes nothing else is tried, no other heading either.
 _PARTLY, _COVERED = 0.2, 0.5
 _CIRCLE = 2**32  # distinct headings
