@@ -2,6 +2,7 @@
 
     python bench/stability.py run OUT.jsonl [--budget SECONDS] [--pairs WORD ...] [--variants A,B]
     python bench/stability.py run OUT.jsonl --strangers
+    python bench/stability.py run OUT.jsonl --families [--strangers]
     python bench/stability.py table OUT.jsonl [OTHER.jsonl]
 
 `run` appends a line of JSON for each pair and variant, and leaves out those that are there, so it goes on
@@ -40,6 +41,7 @@ def main() -> None:
     run.add_argument("--sample", nargs=2, type=int, metavar=("N", "SEED"), help="the first N of an order")
     run.add_argument("--shuffle", type=int, default=0, metavar="SEED", help="of the order of the pairs")
     run.add_argument("--strangers", action="store_true", help="pairs of other kinds, as given")
+    run.add_argument("--families", action="store_true", help="pairs of the families of bench/families.py")
     run.add_argument("--real", action="store_true", help="no generated structures")
     run.add_argument("--processes", type=int, default=1)
     run.add_argument("--kernel", choices=("plain",), help=argparse.SUPPRESS)
@@ -93,7 +95,7 @@ def _run(options: argparse.Namespace) -> None:
     count, seed = options.sample or (None, options.shuffle)
     chosen = [
         pair
-        for pair in pairs(options.strangers, seed)
+        for pair in pairs(options.strangers, seed, options.families)
         if options.half in (None, pair.half)
         and not (options.real and "-random-" in pair.name)
         and (not options.pairs or any(word in pair.name for word in options.pairs))
@@ -101,7 +103,7 @@ def _run(options: argparse.Namespace) -> None:
     done = {(row["pair"], row["variant"]) for row in read(options.out)}
     jobs = [(pair, [one for one in variants if (pair.name, one) not in done]) for pair in chosen]
     jobs = [(pair, some) for pair, some in jobs if some]
-    if not meshes():
+    if not options.families and not meshes():
         print("no real structures found (UPPLIED_REAL_DATA): generated ones alone", flush=True)
     print(f"{len(chosen)} pairs, {sum(len(some) for _, some in jobs)} rows to plan", flush=True)
     with options.out.open("a", encoding="utf-8") as file:

@@ -1,9 +1,10 @@
 """Pairs of a flight and a structure to plan: of like kinds and strangers, real and generated.
 
 Real structures are those of the folders `meshes` and `meshes2` (bench/real_data.py), flown round by the logs
-of `flights2` and by the simulated pilot; generated ones are of seeds that nothing was tuned on. Like kind is
-like declared kind, where yachts are ships and boxes are buildings. A pair belongs to half ``tune`` or
-``report`` by a hash of its TARGET's name; flights are shared by both halves.
+of `flights2` and by the simulated pilot; generated ones are of seeds that nothing was tuned on, or of
+families (bench/families.py) that nothing was. Like kind is like declared kind, where yachts are ships and
+boxes are buildings. A pair belongs to half ``tune`` or ``report`` by a hash of its TARGET's name; flights are
+shared by both halves.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
+from families import FAMILIES, family_flight, family_member
+from families import SOURCE_SEEDS as FLOWN_MEMBERS
+from families import TARGET_SEEDS as TARGET_MEMBERS
 from random_members import random_member
 from real_data import real_folder
 
@@ -120,6 +124,8 @@ def structure(name: str) -> Structure:
     """A structure by its name, of its group's kind: metres, Z up, the ground at z = 0 of the real ones."""
     if "-random-" in name:
         kind, _, seed = name.partition("-random-")
+        if kind in FAMILIES:
+            return family_member(kind, int(seed)).structure
         return replace(random_member(kind, int(seed)).structure, kind=GROUPS[kind])
     path = meshes()[name]
     kind, ground = GROUPS[path.parent.name], Surroundings(ground_z_m=0.0)
@@ -157,6 +163,8 @@ def demonstration(flight: Flight) -> Demonstration:
     """The flight itself; the pilot raises RefusedError where there is no room."""
     if not flight.inspection:
         return logged(flight.name)
+    if flight.group in FAMILIES:
+        return family_flight(flight.group, int(flight.source.rpartition("-")[2]), flight.inspection)
     return fly(structure(flight.source), flight.inspection, seed=len(flight.inspection))
 
 
@@ -174,14 +182,24 @@ def _candidates(strangers: bool) -> Iterator[Pair]:
             yield Pair(flight, target, strangers)
 
 
-def pairs(strangers: bool = False, seed: int = 0) -> list[Pair]:
-    """All pairs, in an order of which every beginning is a fair sample.
+def _family_candidates(strangers: bool) -> Iterator[Pair]:
+    """Flights of families, whose part is the family's name, on members of the same or of other families."""
+    targets = [(name, f"{name}-random-{seed}") for name in FAMILIES for seed in TARGET_MEMBERS]
+    for name, family in FAMILIES.items():
+        for source in (f"{name}-random-{seed}" for seed in FLOWN_MEMBERS):
+            for inspection in family.inspections:
+                flight = Flight(f"{source}-{inspection}", source, name, name, inspection)
+                yield from (Pair(flight, one, strangers) for of, one in targets if (of != name) == strangers)
+
+
+def pairs(strangers: bool = False, seed: int = 0, families: bool = False) -> list[Pair]:
+    """All pairs, or those of the families, in an order of which every beginning is a fair sample.
 
     Parts take turns (engine, fuselage, wings, ...); within a part real and generated pairs and both
     halves come in proportion to their numbers, shuffled.
     """
     strata: dict[tuple[str, bool, str], list[Pair]] = {}
-    for pair in _candidates(strangers):
+    for pair in (_family_candidates if families else _candidates)(strangers):
         strata.setdefault((pair.flight.part, pair.generated, pair.half), []).append(pair)
     placed: dict[str, list[tuple[float, Pair]]] = {}
     for number, (key, some) in enumerate(sorted(strata.items())):

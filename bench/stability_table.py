@@ -123,12 +123,14 @@ def print_table(rows: Rows, worst: int) -> None:
         "report": rows.chosen(lambda row: row["half"] == "report"),
         "real": rows.chosen(lambda row: not row["generated"]),
     }
-    for part in PARTS:
+    kinds = {row.values["kind"] for row in rows.by_key.values()}
+    for part in (*PARTS, *sorted(kinds - set(PARTS))):
         columns[part] = rows.chosen(lambda row, part=part: row["kind"] == part)  # type: ignore[misc]
     table = {name: figures(some) for name, some in columns.items() if some.by_key}
-    print(f"{'':46}" + "".join(f"{name:>12}" for name in table))
+    width = max([12, *(len(name) + 2 for name in table)])
+    print(f"{'':46}" + "".join(f"{name:>{width}}" for name in table))
     for figure in next(iter(table.values()), {}):
-        print(f"{figure:46}" + "".join(f"{column[figure]:>12}" for column in table.values()))
+        print(f"{figure:46}" + "".join(f"{column[figure]:>{width}}" for column in table.values()))
     _print_worst(rows, worst)
 
 
