@@ -18,7 +18,7 @@ from upplied.planning.trajectory.added_passes import Beside, Extended
 from upplied.planning.trajectory.flyable import Result, _within
 from upplied.planning.trajectory.view import Sight
 from upplied.records import Plan
-from upplied.samples.fleet import sample_structures
+from upplied.samples.fleet import member, sample_structures
 from upplied.samples.pilot import fly
 
 STRICT = {"refine": {"fidelity": "strict"}}
@@ -65,14 +65,17 @@ def test_a_bound_of_ones_own_is_kept_or_refused(bound: float):
 
 @pytest.mark.slow
 def test_what_has_no_counterpart_is_not_planned_for():
-    fleet = {structure.structure_id: structure for structure in sample_structures()}
-    source = fleet["a320-v1"]
+    """A fuselage with its fin, on a structure without one."""
+    source, other = member("a320-v1").structure, member("b777-v1")
+    without = other.part_of_triangle != other.part_names.index("fin")
+    target = replace(other.structure, triangles=other.structure.triangles[without], sha256="")
     settings = settings_for("recommended", refine={"least_counterpart": 1.0}, route={"clearance_m": 2.0})
-    demonstration = fly(source, "wings")
-    plan = plan_transfer(demonstration, source, fleet["b777-v1"], settings)
-    assert plan.status == "refused" and "counterpart" in plan.reason
+    demonstration = fly(source, "fuselage")
+    plan = plan_transfer(demonstration, source, target, settings)
+    assert plan.status == "refused" and "least_counterpart" in plan.reason
     loose = replace(settings, refine=replace(settings.refine, least_counterpart=0.5))
-    assert plan_transfer(demonstration, source, fleet["b777-v1"], loose).status == "ok"
+    plan = plan_transfer(demonstration, source, target, loose)
+    assert plan.status == "ok" and plan.measures.inspected_without_counterpart_pct > 5
 
 
 @pytest.mark.ci

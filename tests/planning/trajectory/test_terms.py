@@ -56,7 +56,7 @@ def coverage(view: View, path: Flown, width: float) -> Coverage:
     oblique = VisibilitySettings(occlusion=True, max_incidence_deg=88)
     anywhere = replace(view, farthest_m=np.full(len(view.need), 1e3), settings=oblique, least_cosine=None)
     free = anywhere.reach(path.positions, asked)
-    return Coverage.of(view, asked, view.need[asked], free, width)
+    return Coverage.of(view, asked, view.need[asked], free, width=width)
 
 
 def term(name: str, view: View) -> Term:
@@ -126,7 +126,7 @@ def test_coverage_is_what_is_missed_sample_by_sample(wall: View):
         )  # fmt: skip
         parts = np.clip((np.array(over) / width + 0.5) / 2, 0, 1)
         left *= 1 - 0.98 * np.prod(parts**2 * (3 - 2 * parts), axis=0) * sees
-    value, _ = Coverage.of(view, np.arange(len(places)), view.need, free, width).value(path)
+    value, _ = Coverage.of(view, np.arange(len(places)), view.need, free, width=width).value(path)
     assert len(places) > 2 * 128 and 0.1 < value < 0.9
     assert value == pytest.approx(view.need @ left, rel=1e-7)
 

@@ -22,15 +22,13 @@ from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.state import Flown, State, Term
 from upplied.planning.trajectory.terms.coverage import Coverage, Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
-from upplied.planning.trajectory.view import WIDEST, Sight, View
+from upplied.planning.trajectory.view import Sight, View
 from upplied.records import Bools, Floats, Ints, Record
 
-_NARROWEST = 0.04  # of the soft coverage's borders, last: far first (`view.WIDEST`), then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
 _DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
-_EARLY = WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
 #: Of the need, by which one path is no better than another: as near as coverage is known.
 ALIKE = 0.01
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
@@ -135,7 +133,6 @@ class _Search(Record):
     first: Floats  # the variables of the start
     samples: Ints  # (m,) that stand for all
     need: Floats  # (m,)
-    leaving: Leaving
     lasting: Sequence[tuple[float, Term]]  # the terms that hold for all rounds, with their weights
 
     @classmethod
@@ -158,7 +155,7 @@ class _Search(Record):
             (weights.turning, Turning(start.mapped.yaw, start.mapped.pitch, problem.turned_rad)),
             (weights.leaving, leaving),
         ]
-        return cls(problem, weights, state, first, samples, need, leaving, lasting)
+        return cls(problem, weights, state, first, samples, need, lasting)
 
     def shown(self, variables: Floats) -> float:
         """Share of the need that is truly seen."""
@@ -196,45 +193,31 @@ class _Search(Record):
         weights, state = self.weights, self.state
         variables, sight, results = self.first, self.first_sight, []
         limits: list[Clearance] = []
-        widths = np.geomspace(WIDEST, _NARROWEST, weights.rounds)
-        for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
-            further, early = number - weights.rounds + 1, number < weights.rounds // 2
+        for further in range(1 - weights.rounds, _FURTHER + 1):
             if further > 0 and self.is_clear(variables):
                 break
             path = state.flown(variables)
             # In further rounds, what was nearest before holds, too: out of a corner no other way leads.
             limits = [*(limits if further > 0 else []), Clearance.of(self.problem.airspace, path)]
-            terms = self.terms(path, sight, float(width), early, limits, _DEARER ** max(further, 0))
+            terms = self.terms(path, sight, limits, _DEARER ** max(further, 0))
             variables = self.solved(variables, terms)
             sight = self.sight(state.flown(variables))
-            if not early:
-                results.append((self.worth(variables, sight), variables))
+            results.append((self.worth(variables, sight), variables))
         return results[as_good([worth for worth, _ in results])[-1]]
 
     def terms(
-        self,
-        path: Flown,
-        sight: Sight,
-        width: float,
-        early: bool,
-        limits: Sequence[Clearance],
-        dearer: float = 1.0,
+        self, path: Flown, sight: Sight, limits: Sequence[Clearance], dearer: float = 1.0
     ) -> list[tuple[float, Term]]:
-        """The terms, with what stands in the way and, last of the limits, what is near from this path.
-
-        In early rounds it is dearer to leave the carried flight: of all the paths that show as much the
-        search begins among those near to it, and so near to each other whatever the last bit says.
-        """
+        """The terms, with what stands in the way and, last of the limits, what is near from this path."""
         problem, weights, view, samples = self.problem, self.weights, self.problem.view, self.samples
         nearest_m = float(problem.airspace.scene.distance(self.state.flown(self.first).positions).min())
         return [
-            (1.0, Coverage.of(view, samples, self.need, sight.free, width, sight.stride)),
+            (1.0, Coverage.of(view, samples, self.need, sight.free, sight.stride)),
             (1.0, Hidden.of(view, problem.airspace, path, _standoff_m(problem))),
             (weights.axis, sight.axis),
             *((dearer * weights.clearance, limit) for limit in limits),
             (weights.clearance, limits[-1].no_nearer(nearest_m)),
             *self.lasting,
-            *([((_EARLY - 1) * weights.leaving, self.leaving)] if early else []),
         ]
 
     def solved(self, variables: Floats, terms: Sequence[tuple[float, Term]]) -> Floats:

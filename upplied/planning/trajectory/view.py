@@ -14,7 +14,7 @@ from upplied.planning.trajectory.terms.axis import Axis, aims_of, axes
 from upplied.planning.visibility.line_of_sight import Closeness, coarseness, seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
-WIDEST = 0.20  # of the soft coverage's borders, in the first round
+BORDER = 0.20  # over which soft coverage falls: of the cosine, of the border's angle in rad, of the distance
 _BESIDE = 48  # of the path, beside which places are tried
 _AWAY = 0.4  # stand-offs, to all sides, and twice that
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
@@ -97,8 +97,8 @@ class Sight(Record):
         cls, path: Flown, stride: int, view: View, samples: Ints, need: Floats, aside_rad: Floats
     ) -> "Sight":
         """Of m samples with their need, by a path whose expert looked so far aside at its stations."""
-        # As far again as the widest border reaches: the path moves until lines of sight are asked for again.
-        farthest_m = (1 + 2 * WIDEST) * view.farthest_m
+        # As far again as a border reaches: the path moves until lines of sight are asked for again.
+        farthest_m = (1 + 2 * BORDER) * view.farthest_m
         oblique = replace(view.settings, max_incidence_deg=_OBLIQUE_DEG)
         nearly = replace(view, farthest_m=farthest_m, settings=oblique, least_cosine=None)
         places, station = path.positions[::stride], np.arange(0, len(path), stride)

@@ -13,7 +13,7 @@ from numba import njit
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.view import View, places_beside
+from upplied.planning.trajectory.view import BORDER, View, places_beside
 from upplied.planning.visibility.line_of_sight import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -21,7 +21,6 @@ _MOST = 0.98  # that one station shows: a second look at the same sample is wort
 _BATCH = 128  # samples that are asked at a time, without a branch: several at once in a processor
 _SURFACE = 8  # numbers of a sample: place, normal, farthest distance, least cosine
 _RESULT = 6  # numbers of a look: its share, and the slopes with respect to x, y, z, yaw and pitch
-_MISSED = 256  # samples, at most, that stand for all that is missed
 _CHOOSY = 8.0  # power of what a place shows for a metre aside, by which what several show is shared
 _LITTLE = 1e-4  # of all that is missed, for which a place is left out
 _AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own distance from the path
@@ -37,11 +36,11 @@ class Coverage(Record):
     sample: Ints  # (P,) to which a station has a free line of sight
     half_rad: Floats  # (M, 2) half the field of view, across and up
     coarse: Floats  # (M,) what each station's distances are taken times
-    width: float  # over which a share falls: of the cosine, of the border's angle in rad, of the distance
+    width: float  # over which a share falls, as `view.BORDER`
 
     @classmethod
     def of(
-        cls, view: View, chosen: Ints, need: Floats, free: Bools, width: float, stride: int = 1
+        cls, view: View, chosen: Ints, need: Floats, free: Bools, stride: int = 1, width: float = BORDER
     ) -> "Coverage":
         """The term for some samples (N,) of a view, with the free lines of sight (M, N) to them.
 
@@ -206,14 +205,13 @@ class Hidden(Record):
         Without places where nothing is missed that any of them shows.
         """
         missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
-        few, at, off = missed[:_MISSED], *places_beside(path, usual_m)
+        at, off = places_beside(path, usual_m)
         beside = airspace.allowed(path.positions[at] + off) & off.any(axis=1)
         at, off = at[beside], off[beside]
-        left, away_m = np.array(view.need[few]), np.linalg.norm(off, axis=1)
-        left *= view.need[missed].sum() / max(left.sum(), 1e-12)
-        places, shows = path.positions[at] + off, np.zeros((len(at), len(few)), bool)
+        left, away_m = view.need[missed], np.linalg.norm(off, axis=1)
+        places, shows = path.positions[at] + off, np.zeros((len(at), len(missed)), bool)
         if shows.size:  # with the camera as it looks from their stations
-            shows = view.seen(places, from_yaw_pitch(path.yaw[at], path.pitch[at]), few, at)
+            shows = view.seen(places, from_yaw_pitch(path.yaw[at], path.pitch[at]), missed, at)
         need = _shared(shows, left, away_m)
         row = np.flatnonzero(need > _LITTLE * need.sum())
         return cls(at[row], places[row], need[row], away_m[row])
