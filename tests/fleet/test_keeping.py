@@ -49,30 +49,30 @@ def commits(monkeypatch) -> Commits:
 
 
 def test_outcomes_come_in_while_others_are_committed(commits):
-    kept = run.Keeper(commits, "run")
+    keeper = run.Keeper(commits, "run")
     commits.go_on.clear()
-    slow = threading.Thread(target=lambda: [kept.add(outcome(number)) for number in range(3)])
+    slow = threading.Thread(target=lambda: [keeper.add(outcome(number)) for number in range(3)])
     slow.start()
     assert commits.began.wait(PATIENCE_S)
-    quick = threading.Thread(target=lambda: [kept.add(outcome(number)) for number in (3, 4)])
+    quick = threading.Thread(target=lambda: [keeper.add(outcome(number)) for number in (3, 4)])
     quick.start()
     quick.join(PATIENCE_S)
     assert not quick.is_alive() and commits.kept == []
     commits.go_on.set()
     slow.join(PATIENCE_S)
-    kept.close()
+    keeper.close()
     assert [len(batch) for batch in commits.kept] == [3, 2]
     assert all(batch == sorted(batch) for batch in commits.kept)
-    assert kept.result.ok == 5
+    assert keeper.result.ok == 5
 
 
 def test_what_could_not_be_committed_is_tried_again_at_the_end(commits):
-    kept = run.Keeper(commits, "run")
+    keeper = run.Keeper(commits, "run")
     commits.full = True
     with pytest.raises(CatalogError, match="No space"):
         for number in range(3):
-            kept.add(outcome(number))
+            keeper.add(outcome(number))
     commits.full = False
-    kept.close()
-    kept.close()
+    keeper.close()
+    keeper.close()
     assert [len(batch) for batch in commits.kept] == [3]

@@ -128,8 +128,8 @@ def test_shards_that_an_engine_loses_are_told_and_too_many_of_them_fail_the_run(
     ) as cluster:
         address, nights = cluster.scheduler_address, []
         for preset, most_lost in (("baseline", 1.0), ("paper", 0.5)):
-            given = catalog, "dask", address, server.environment, {"most_lost": most_lost}
-            nights.append(message(start_run(*given, presets=(preset,))))
+            arguments = catalog, "dask", address, server.environment, {"most_lost": most_lost}
+            nights.append(message(start_run(*arguments, presets=(preset,))))
     few, many = nights
     assert "CompletedWithFailures" not in few and "COMPLETED 3 ok" in few, few
     assert "FAILED 3 ok" in many, many

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flights import FAULTS, POSE, Made, flights, made, right, zoom_by_another_clock
+from made_flights import FAULTS, POSE, Log, flights, log_of, right, zoom_by_another_clock
 from made_logs import Topic, header, message, transform, write_log, xyz, xyzw
 from scipy.spatial.transform import Rotation
 
@@ -90,7 +90,7 @@ ODD = {
 }
 
 
-def taken(log: Made, path: Path, **options) -> Demonstration:
+def taken(log: Log, path: Path, **options) -> Demonstration:
     """The demonstration with its passport."""
     return read_demonstration(log.write(path), LogOptions(**options), structures=lambda name: log.structure)
 
@@ -156,7 +156,7 @@ def test_inside_is_inside(tmp_path: Path) -> None:
 
 def test_the_passport_says_what_is_so(tmp_path: Path) -> None:
     structure, flown = flights("box", 0)
-    log = made(structure, flown, np.random.default_rng(1))
+    log = log_of(structure, flown, np.random.default_rng(1))
     found = taken(log, tmp_path / "a.mcap")
     measured = found.passport["measured"]
     distance = scene_of(structure).distance(found.positions)
@@ -183,7 +183,7 @@ def test_the_passport_says_what_is_so(tmp_path: Path) -> None:
 )
 def test_a_refusal_names_what_is_wrong_and_what_to_do(tmp_path: Path, fault: str, named: str) -> None:
     rng = np.random.default_rng(3)
-    log = FAULTS[fault](made(*flights("box", 0), rng), rng)
+    log = FAULTS[fault](log_of(*flights("box", 0), rng), rng)
     with pytest.raises(InputError, match=named):
         taken(log, tmp_path / "a.mcap")
 
@@ -191,7 +191,7 @@ def test_a_refusal_names_what_is_wrong_and_what_to_do(tmp_path: Path, fault: str
 def test_what_a_refusal_names_makes_the_log_right(tmp_path: Path) -> None:
     """NED in the side-car: the poses are those of the log that was right."""
     structure, flown = flights("airliner", 1)
-    log = made(structure, flown, np.random.default_rng(2))
+    log = log_of(structure, flown, np.random.default_rng(2))
     plain = taken(log, tmp_path / "plain.mcap")
     wrong = FAULTS["ned"](log, np.random.default_rng(0))
     with pytest.raises(InputError, match='convention = "ned"'):
@@ -204,7 +204,7 @@ def test_what_a_refusal_names_makes_the_log_right(tmp_path: Path) -> None:
 
 
 def test_a_rule_is_overruled_by_name_and_that_is_stored(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(1))
+    log = log_of(*flights("box", 0), np.random.default_rng(1))
     low = replace(log, positions=log.positions - [0, 0, 12.0])
     with pytest.raises(InputError, match="--allow below-ground"):
         taken(low, tmp_path / "a.mcap")
@@ -215,7 +215,7 @@ def test_a_rule_is_overruled_by_name_and_that_is_stored(tmp_path: Path) -> None:
 
 
 def test_strict_refuses_what_is_odd(tmp_path: Path) -> None:
-    log = replace(made(*flights("box", 0), np.random.default_rng(1)), hfov_deg=None)
+    log = replace(log_of(*flights("box", 0), np.random.default_rng(1)), hfov_deg=None)
     assert taken(log, tmp_path / "a.mcap").passport["verdict"] == "warned"
     with pytest.raises(InputError, match="assumed"):
         taken(log, tmp_path / "a.mcap", strict=True)
@@ -225,7 +225,7 @@ def test_strict_refuses_what_is_odd(tmp_path: Path) -> None:
 def test_a_step_of_the_clock_splits_the_log_there(tmp_path: Path, fault: str) -> None:
     """Every pose comes in the order in which it was recorded, with a break at the step."""
     structure, flown = flights("box", 0)
-    log = made(structure, flown, np.random.default_rng(4))
+    log = log_of(structure, flown, np.random.default_rng(4))
     wrong = FAULTS[fault](log, np.random.default_rng(5))
     step = int(np.argmax(np.abs(np.diff(wrong.t_ns - log.t_ns)))) + 1
     found = taken(wrong, tmp_path / "a.mcap")
@@ -236,7 +236,7 @@ def test_a_step_of_the_clock_splits_the_log_there(tmp_path: Path, fault: str) ->
 
 
 def test_messages_that_are_late_are_sorted_and_no_step(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     order = np.arange(len(log))
     order[100:104] = [101, 103, 100, 102]
     order[400:430] = order[400:430][::-1]
@@ -246,7 +246,7 @@ def test_messages_that_are_late_are_sorted_and_no_step(tmp_path: Path) -> None:
 
 
 def test_a_long_gap_is_flown_as_a_transit(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     lasted = float(log.t_ns[-1] - log.t_ns[0]) * 1e-9
     found = taken(
         FAULTS["long_gap"](log, np.random.default_rng(6)), tmp_path / "a.mcap", allow=("mostly-missing",)
@@ -258,7 +258,7 @@ def test_a_long_gap_is_flown_as_a_transit(tmp_path: Path) -> None:
 
 @pytest.mark.ci
 def test_hovering_is_cut_to_the_cap_that_is_said(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     wrong = FAULTS["hovering"](log, np.random.default_rng(6))
     lasted = float(log.t_ns[-1] - log.t_ns[0]) * 1e-9
     for cap in (30.0, 100.0):
@@ -269,7 +269,7 @@ def test_hovering_is_cut_to_the_cap_that_is_said(tmp_path: Path) -> None:
 
 
 def test_a_zoom_is_a_camera_for_each_pose(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     half = len(log) // 20 * 10  # the fields of view are written with every tenth pose
     zoomed = replace(log, hfov_deg=np.where(np.arange(len(log)) < half, 75.0, 50.0))
     found = taken(zoomed, tmp_path / "a.mcap")
@@ -288,7 +288,7 @@ def test_a_zoom_is_a_camera_for_each_pose(tmp_path: Path) -> None:
 def test_where_the_clock_stepped_the_recorders_tells_which_pose_had_which_field_of_view(
     tmp_path: Path,
 ) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     half = len(log) // 20 * 10
     zoomed = replace(log, hfov_deg=np.where(np.arange(len(log)) < half, 75.0, 50.0))
     stepped = FAULTS["clock_back"](zoomed, np.random.default_rng(1))
@@ -301,7 +301,7 @@ def test_where_the_clock_stepped_the_recorders_tells_which_pose_had_which_field_
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_mirrored_poses_turn_against_the_gyroscope(tmp_path: Path, mirrored: bool) -> None:
     """The inertial unit, however it is mounted, felt the flight as it was; the poses have y mirrored."""
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     mount = Rotation.from_rotvec([0.7, -1.1, 2.0])
     turns, seconds = Rotation.from_quat(log.quats), (log.t_ns - log.t_ns[0]) * 1e-9
     spin = (turns[1:] * turns[:-1].inv()).as_rotvec() / np.diff(seconds)[:, None]
@@ -333,7 +333,7 @@ def test_mirrored_poses_turn_against_the_gyroscope(tmp_path: Path, mirrored: boo
 @pytest.mark.ci
 def test_one_of_two_publishers_may_be_named(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
-    log = replace(made(*flights("box", 0), rng), schema="nav_msgs/msg/Odometry", hfov_deg=None)
+    log = replace(log_of(*flights("box", 0), rng), schema="nav_msgs/msg/Odometry", hfov_deg=None)
     both = FAULTS["two_vehicles"](log, np.random.default_rng(0))
     children = ["one" if i % 2 == 0 else "two" for i in range(len(both))]
     both = replace(both, children=children)
@@ -410,7 +410,7 @@ def test_the_documentation_names_every_rule_bound_and_convention() -> None:
 def test_a_mount_is_found_whatever_its_body_is_called(tmp_path: Path, child: str, calibrated: bool) -> None:
     """Poses of an IMU, a camera that /tf_static hangs on it by names that nobody has agreed on."""
     structure, flown = flights("box", 0)
-    log = made(structure, flown, np.random.default_rng(1))
+    log = log_of(structure, flown, np.random.default_rng(1))
     plain = taken(log, tmp_path / "plain.mcap")
     offset = np.array([0.07, -0.02, 0.01])
     mount = Rotation.from_euler("ZYX", [88.0, 4.0, -91.0], degrees=True)  # the optical frame on the IMU
@@ -437,7 +437,7 @@ def test_a_mount_is_found_whatever_its_body_is_called(tmp_path: Path, child: str
 
 def test_two_channels_of_one_topic_at_one_time_are_two_publishers(tmp_path: Path) -> None:
     """Channels that follow each other are one recording; channels side by side are two bodies."""
-    log = replace(made(*flights("box", 0), np.random.default_rng(1)), schema=POSE, hfov_deg=None)
+    log = replace(log_of(*flights("box", 0), np.random.default_rng(1)), schema=POSE, hfov_deg=None)
     rows = list(zip(log.log_ns, log.t_ns, log.positions, log.quats, strict=True))
 
     def topic(some: list, away: float = 0.0) -> Topic:
@@ -456,7 +456,7 @@ def test_two_channels_of_one_topic_at_one_time_are_two_publishers(tmp_path: Path
     assert np.allclose(second.positions, log.positions + 4.0 * UP)
 
 
-def spun(log: Made, first_deg: float, last_deg: float) -> Made:
+def spun(log: Log, first_deg: float, last_deg: float) -> Log:
     """Headings that are off by so much at the start and at the end."""
     turn = Rotation.from_rotvec(np.radians(np.linspace(first_deg, last_deg, len(log)))[:, None] * UP)
     return replace(log, quats=(turn * Rotation.from_quat(log.quats)).as_quat())
@@ -465,7 +465,7 @@ def spun(log: Made, first_deg: float, last_deg: float) -> Made:
 def test_a_heading_that_drifts_a_little_or_is_a_little_off_is_warned_of(tmp_path: Path) -> None:
     """The structure stays in the picture, so nothing else tells it."""
 
-    def told(log: Made) -> dict[str, str]:
+    def told(log: Log) -> dict[str, str]:
         found = taken(log, tmp_path / "a.mcap").passport["findings"]
         return {item["rule"]: item["found"] for item in found}
 
@@ -477,7 +477,7 @@ def test_a_heading_that_drifts_a_little_or_is_a_little_off_is_warned_of(tmp_path
 
 
 def test_mild_drifts_and_offsets_of_the_heading_are_told_where_the_flight_tells_of_a_heading() -> None:
-    def aim(log: Made) -> tuple[float, float]:
+    def aim(log: Log) -> tuple[float, float]:
         quats = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
         found = aim_of(log.positions, quats, scene_of(log.structure))
         return abs(found.aim_drift_deg), abs(found.aim_off_deg)
@@ -511,7 +511,7 @@ def test_rules_that_the_reader_asks_are_what_refuses(tmp_path: Path, rule: str, 
     assert rule not in {item["rule"] for item in fine["findings"]}
 
 
-def with_velocity(log: Made, path: Path, *, world: bool = False, change=lambda log: log) -> Path:
+def with_velocity(log: Log, path: Path, *, world: bool = False, change=lambda log: log) -> Path:
     """Odometry whose twist is that of the poses before they were changed, in the axes of body or world."""
     t_s, turns = (log.t_ns - log.t_ns[0]) * 1e-9, Rotation.from_quat(log.quats)
     linear = np.gradient(log.positions, t_s, axis=0)
@@ -549,9 +549,9 @@ def test_poses_that_move_otherwise_than_the_velocity_in_the_log_are_warned_of(
     """A cube is symmetric: mirrored about its middle, the flight is one that somebody could have flown."""
     structure, flown = flights("box", 0)
     middle = (structure.vertices.max(axis=0) + structure.vertices.min(axis=0)) / 2
-    log = made(structure, flown, np.random.default_rng(0))
+    log = log_of(structure, flown, np.random.default_rng(0))
 
-    def changed_log(log: Made) -> Made:
+    def changed_log(log: Log) -> Log:
         if change == "mirrored with its headings":
             flip = np.diag([1.0, -1.0, 1.0])
             turns = flip @ Rotation.from_quat(log.quats).as_matrix() @ flip

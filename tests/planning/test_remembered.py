@@ -33,12 +33,12 @@ def test_what_is_shared_is_what_planning_finds_out(monkeypatch):
             assert shared.trajectory.positions.tobytes() == anew.trajectory.positions.tobytes()
             assert repr(shared.measures) == repr(anew.measures) and shared.warnings == anew.warnings
             assert np.array_equal(shared.surface.state, anew.surface.state)
-        monkeypatch.setattr(planning, "_planned", remembered._made)
+        monkeypatch.setattr(planning, "_planned", remembered._plan)
 
 
 @pytest.mark.anew
 def test_a_test_may_plan_everything_itself():
-    assert planning._planned is remembered._made
+    assert planning._planned is remembered._plan
 
 
 def test_the_others_share():
