@@ -15,7 +15,7 @@ Figures = dict[str, str]
 
 def figures(rows: Rows) -> Figures:
     """The figures of one column, as text."""
-    good, unvaried, beside = rows.good, rows.given, rows.beside
+    good, unvaried, beside = rows.good, rows.unvaried, rows.beside
     accepted = [row for row in unvaried if row.accepted]
     every = [row for row in good if row.accepted]
     both = [(row, first) for row, first in beside if row.accepted and first.accepted]
@@ -157,14 +157,14 @@ def _print_worst(rows: Rows, worst: int) -> None:
         [(abs(r.shown - f.shown), r, f"{f.shown:.1f} > {r.shown:.1f}") for r, f in both],
     )
     named("path, % of the stand-off from as given", [(apart(row, first), row, "") for row, first in both])
-    refused = [row for row in rows.given if not row.accepted and row.shown >= 90]
+    refused = [row for row in rows.unvaried if not row.accepted and row.shown >= 90]
     named("refused, and would show, %", [(row.shown, row, row.values["reason"][:110]) for row in refused])
     named("least attained, points short", [(100 - row.attained, row, "") for row in accepted])
     named(
         "below box scaling, points",
-        [(row.figure("box_inspected_pct") - row.shown, row, "") for row in rows.given if row.accepted],
+        [(row.figure("box_inspected_pct") - row.shown, row, "") for row in rows.unvaried if row.accepted],
     )
-    named("axis lost, points", [(row.axis_lost, row, "") for row in rows.given if row.accepted])
+    named("axis lost, points", [(row.axis_lost, row, "") for row in rows.unvaried if row.accepted])
     named(
         "short of the promised clearance, m",
         [(r.short_m, r, "") for r in rows.good if r.planned and r.short_m > CLEARANCE_M],

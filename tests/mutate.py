@@ -143,9 +143,9 @@ class Verdicts:
         VERDICTS.parent.mkdir(parents=True, exist_ok=True)
         VERDICTS.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
 
-    def _of(self, asked: list[str], by: str) -> str:
+    def _of(self, choice: list[str], by: str) -> str:
         """The digest of what a verdict rests on: one test if it failed, else all that were asked."""
-        names = [by] if "::" in by else asked
+        names = [by] if "::" in by else choice
         files = {self._root / name.split("::")[0] for name in names}
         tests = sorted({path for file in files if file.exists() for path in of_tests(self._root, file)})
         return hashlib.sha256(

@@ -40,7 +40,7 @@ class Run:
     run_id: str
     flow: str
     state: str
-    said: str
+    message: str
     due: float
     began: float
     ended: float

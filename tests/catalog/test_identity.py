@@ -92,7 +92,7 @@ def test_an_empty_catalog_was_made_on_purpose(tmp_path):
 def test_many_who_make_a_catalog_at_once_agree_on_its_name(tmp_path):
     places = [Identity(str(tmp_path / "new"), list(TABLES)) for _ in range(16)]
     with ThreadPoolExecutor(16) as threads:
-        assert len(set(threads.map(lambda place: place.made(), places))) == 1
+        assert len(set(threads.map(lambda place: place.name(), places))) == 1
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["catalog.json"]
 
 

@@ -56,7 +56,7 @@ class Odd:
     rule: str
     vertices: Floats
     triangles: Ints
-    said: dict
+    entry: dict
     suffix: str = "obj"
     edit: Callable[[str], str] = str
 
@@ -97,4 +97,4 @@ def entry_of(odd: Odd, folder: Path, data: bytes) -> StructureEntry:
     """The entry of an odd file that is written into a folder."""
     path = folder / f"odd.{odd.suffix}"
     path.write_bytes(odd.edit(data.decode()).encode() if odd.suffix == "obj" else data)
-    return StructureEntry("odd", "thing", path, **({"unit_m": 1.0} | odd.said))
+    return StructureEntry("odd", "thing", path, **({"unit_m": 1.0} | odd.entry))

@@ -42,7 +42,7 @@ def test_a_run_outlives_its_server(tmp_path):
     rows = served.catalog.transfers(every=True)
     assert before < PLANS, "it was killed too late to show anything"
     assert ended.state == "COMPLETED", runs
-    assert ended.said.startswith(f"{(rows['status'] == 'ok').sum()} ok"), runs
+    assert ended.message.startswith(f"{(rows['status'] == 'ok').sum()} ok"), runs
     assert "CRASHED" not in {run.state for run in runs}, runs
     assert len(rows) == len(rows["key"].unique()) == PLANS
     assert set(rows["run_id"]) == {running.run_id}, "another run planned what this one lost"
@@ -76,7 +76,7 @@ def test_a_killed_flow_is_marked_by_its_worker_and_the_next_night_goes_on(tmp_pa
         (crashed,) = [run for run in served.runs() if run.state == "CRASHED"]
     rows = served.catalog.transfers(every=True)
     assert crashed.run_id == running.run_id
-    assert "-9" in crashed.said
+    assert "-9" in crashed.message
     assert before < PLANS, "it was killed too late to show anything"
     assert len(rows) == len(rows["key"].unique()) == PLANS
     assert rows.groupby("run_id").size()[running.run_id] == before
@@ -106,7 +106,9 @@ def test_overlapping_nights_are_prevented_and_missed_ones_do_not_pile_up(tmp_pat
     runs = [run for run in every if run.run_id not in before]
     missed = [run for run in runs if stopped < run.due < started]
     assert len(missed) >= 3, "Prefect did not remember the nights that were missed, so nothing was shown"
-    worked = [run for run in runs if run.state == "COMPLETED" and not run.said.startswith("0 ok, 0 refused")]
+    worked = [
+        run for run in runs if run.state == "COMPLETED" and not run.message.startswith("0 ok, 0 refused")
+    ]
     assert len(worked) == 1, runs
     assert {run.state for run in runs} <= {"COMPLETED", "CANCELLED"}, runs
     flown = sorted((run.began, run.ended) for run in every if run.state == "COMPLETED")

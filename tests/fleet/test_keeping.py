@@ -21,7 +21,7 @@ class Commits:
     """Stands for a catalog: holds a commit up until it may go on, and fails when told to."""
 
     def __init__(self) -> None:
-        self.kept: list[list[str]] = []
+        self.batches: list[list[str]] = []
         self.began, self.go_on = threading.Event(), threading.Event()
         self.full = False
         self.go_on.set()
@@ -31,7 +31,7 @@ class Commits:
         assert self.go_on.wait(PATIENCE_S)
         if self.full:
             raise CatalogError("transfers", "No space left on device")
-        self.kept.append([key for key, _, _ in plans])
+        self.batches.append([key for key, _, _ in plans])
 
 
 def outcome(number: int) -> Outcome:
@@ -57,12 +57,12 @@ def test_outcomes_come_in_while_others_are_committed(commits):
     quick = threading.Thread(target=lambda: [keeper.add(outcome(number)) for number in (3, 4)])
     quick.start()
     quick.join(PATIENCE_S)
-    assert not quick.is_alive() and commits.kept == []
+    assert not quick.is_alive() and commits.batches == []
     commits.go_on.set()
     slow.join(PATIENCE_S)
     keeper.close()
-    assert [len(batch) for batch in commits.kept] == [3, 2]
-    assert all(batch == sorted(batch) for batch in commits.kept)
+    assert [len(batch) for batch in commits.batches] == [3, 2]
+    assert all(batch == sorted(batch) for batch in commits.batches)
     assert keeper.result.ok == 5
 
 
@@ -75,4 +75,4 @@ def test_what_could_not_be_committed_is_tried_again_at_the_end(commits):
     commits.full = False
     keeper.close()
     keeper.close()
-    assert [len(batch) for batch in commits.kept] == [3]
+    assert [len(batch) for batch in commits.batches] == [3]

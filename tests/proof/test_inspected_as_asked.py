@@ -150,7 +150,7 @@ def test_of_a_corrected_log_only_what_both_paths_match_is_certain(plan, flown):
     usual = planned_looks(plan, SURFACE, CAMERA, SCENE, InspectionSettings())
     rule = replace(usual, rim_deg=CORRECTED_RIM_DEG)  # which no log that is right must keep
     alone = [
-        looks_of(path, SURFACE, CAMERA, SCENE, wanted=rule).inspected for path in (alignment.flown, beside)
+        looks_of(path, SURFACE, CAMERA, SCENE, plan=rule).inspected for path in (alignment.flown, beside)
     ]
     assert usual.rim_deg < CORRECTED_RIM_DEG
     assert np.array_equal(report.looks.inspected, alone[0] & alone[1]) and (alone[0] != alone[1]).any()

@@ -179,7 +179,7 @@ class _Both:
                 break
             middle, goal = points.mean(axis=0), goals.mean(axis=0)
             spread = np.maximum(((points - middle) ** 2).sum(axis=0), 1e-12)
-            wanted = ((points - middle) * (goals - goal)).sum(axis=0) / spread
-            scale = np.clip(wanted, scale / _STEP, scale * _STEP)
+            slope = ((points - middle) * (goals - goal)).sum(axis=0) / spread
+            scale = np.clip(slope, scale / _STEP, scale * _STEP)
             shift = goal - scale * middle
         return scale, shift
