@@ -7,7 +7,7 @@
 round, and writes for each part the evidence and whether it is the right one as a line of JSON: right is a
 part of which at least 70 % lies on the generator's part of that name (of that sort, where numbers differ),
 and which holds at least half of it. `fit` calibrates
-`correspondence.fit` on the samples (FIT) and on structures that nobody built (HELD), judges each by the
+`correspondence.fit` on the samples (FIT) and on structures that nobody built (HOLDOUT), judges each by the
 other, and prints the constants of all.
 """
 

@@ -55,7 +55,7 @@ def looks_of(
 
     Nothing is seen while the log is silent. Where no photos are known, a sample counts as shown in a picture
     at each moment of `picture_s`, and in one picture at least where it is seen. The most frontal look is that
-    of all looks, and of those within each distance `within_m`; `inspected` needs those of a plan, `wanted`.
+    of all looks, and of those within each distance `within_m`; `inspected` needs those of a `plan`.
     """
     shown = views_from(_looking(flown, photo_s), surface, camera, scene)
     poses, seen = shown.stations, shown.seen

@@ -87,7 +87,7 @@ def matching(equal: Equal, among: Mapping[str, Iterable[str] | None] | None = No
 def completed(
     table: StoredTable, plans: pd.DataFrame, columns: list[str], of: int, version: int | None = None
 ) -> pa.Table:
-    """The `wanted` columns of these rows (with `NAMED`), in their order, of a version that has `of` rows."""
+    """The `columns` columns of these rows (with `NAMED`), in their order, of a version that has `of` rows."""
     where = None
     if len(plans) < max(_FEW * of, _FEW_ROWS):
         where = pc.field("transfer_id").isin(pa.array(plans["transfer_id"].tolist(), pa.string()))

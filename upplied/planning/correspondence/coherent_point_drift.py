@@ -79,7 +79,7 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
 def _strengths(metric: Floats, pulls: Floats, modes: Floats) -> Floats:
     """How much of each mode (R, 3): c with ``(1 + modes' metric modes) c = modes' wanted``."""
     # That is ``metric_m (kernel @ w)_m + w_m = wanted_m`` for every point m, with ``kernel = modes modes'``
-    # and ``c = modes' w``. `metric` is (M, 3, 3) and symmetric, `wanted` (M, 3), `modes` (M, R).
+    # and ``c = modes' w``. `metric` is (M, 3, 3) and symmetric, `pulls` (M, 3), `modes` (M, R).
     number = modes.shape[1]
     system = np.eye(3 * number)
     for one in range(3):

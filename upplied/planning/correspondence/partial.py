@@ -68,7 +68,7 @@ class Judged(NamedTuple):
 def ways_of_open(source: Cloud, target: Cloud, box: Registration, registration: Registration) -> list[Judged]:
     """Registrations of an open target: one that was found, and others, the best first.
 
-    `box` is the registration by boxes made equal, turned as `found`.
+    `box` is the registration by boxes made equal, turned as `registration`.
     """
     both = _Both(source, target, box)
     ways = list(both.ways())
