@@ -7,7 +7,7 @@
 round, and writes for each part the evidence and whether it is the right one as a line of JSON: right is a
 part of which at least 70 % lies on the generator's part of that name (of that sort, where numbers differ),
 and which holds at least half of it. `fit` calibrates
-`correspondence.fit` on the samples (FIT) and on structures that nobody built (HELD), judges each by the
+`correspondence.fit` on the samples (FIT) and on structures that nobody built (HOLDOUT), judges each by the
 other, and prints the constants of all.
 """
 
@@ -44,7 +44,7 @@ FIT = {
     "bridge": ("bridge-2-v1", "p4", "r1"),
     "ship": ("yacht-2-v1", "yacht-1-v1", "r1"),
 }
-HELD = {
+HOLDOUT = {
     "airliner": ("r11", "r12", "r13", "r14"),
     "wind_turbine": ("r11", "r12"),
     "bridge": ("p5", "r11", "r12"),
@@ -57,9 +57,9 @@ _BODY = 0  # the largest part
 PURE, WHOLE = 0.7, 0.5  # of a part that is found on the right one, and of the right one that it holds
 
 
-def pairs(variant: str, held: bool) -> Iterator[tuple[str, str, str, str, bool]]:
+def pairs(variant: str, holdout: bool) -> Iterator[tuple[str, str, str, str, bool]]:
     """Kind, source, target, variant, and whether the source is the one that was scanned."""
-    for kind, targets in (HELD if held else FIT).items():
+    for kind, targets in (HOLDOUT if holdout else FIT).items():
         for target in targets:
             for source in SOURCES[kind]:
                 if source != target:
@@ -92,19 +92,19 @@ def rows_of(
         answers = fit.correspondences.target_parts(part).tolist()
         if not answers:
             continue
-        meant = _most(true_here[labels_of(here) == part])
-        strict = counts[0].get(sort(meant)) == counts[1].get(sort(meant)) and not free(meant)
-        right = _right(np.isin(labels_of(registered), answers), true_there, area, meant, strict)
+        truth = _most(true_here[labels_of(here) == part])
+        strict = counts[0].get(sort(truth)) == counts[1].get(sort(truth)) and not free(truth)
+        right = _right(np.isin(labels_of(registered), answers), true_there, area, truth, strict)
         evidence = evidence_of_counterpart(here, [part], registered, answers, wholes, inferred, carried)
-        yield {**common, "part": meant, "question": "answer", "right": right, "evidence": evidence.tolist()}
+        yield {**common, "part": truth, "question": "answer", "right": right, "evidence": evidence.tolist()}
         alike = choices_for(mine, part, theirs, answers).tolist()
         for choice in dict.fromkeys([*alike, _BODY]):  # what is of no such size is no other one either
             if choice not in answers and len(answers) == 1:
-                right = _right(labels_of(registered) == choice, true_there, area, meant)
+                right = _right(labels_of(registered) == choice, true_there, area, truth)
                 evidence = evidence_of_same_kind(registered, answers[0], choice, wholes, inferred)
                 yield {
                     **common,
-                    "part": meant,
+                    "part": truth,
                     "question": "other",
                     "right": right,
                     "evidence": evidence.tolist(),
@@ -126,11 +126,11 @@ def _most(names: np.ndarray) -> str:
     return str(known[count.argmax()])
 
 
-def _right(mine: Bools, true: np.ndarray, area: Floats, meant: str, strict: bool | None = None) -> bool:
+def _right(mine: Bools, true: np.ndarray, area: Floats, truth: str, strict: bool | None = None) -> bool:
     """Whether samples are the part that is meant, or one of its sort on its side, or any of its sort."""
     name = _most(true[mine])
-    fits = name == meant if strict else sort(name) == sort(meant)
-    fits &= strict is None or side(name) == side(meant)
+    fits = name == truth if strict else sort(name) == sort(truth)
+    fits &= strict is None or side(name) == side(truth)
     both = area[mine & (true == name)].sum()
     return bool(fits and both >= PURE * area[mine].sum() and both >= WHOLE * area[true == name].sum())
 
@@ -139,11 +139,11 @@ def parts(options: argparse.Namespace) -> None:
     """Write the evidence of all parts."""
     with Path(options.file).open("a", encoding="utf-8") as file:
         for variant in options.variants.split(",") if options.variants else VARIANTS:
-            for held in (False, True):
-                for pair in pairs(variant, held):
+            for holdout in (False, True):
+                for pair in pairs(variant, holdout):
                     try:
                         for row in rows_of(*pair):
-                            file.write(json.dumps({**row, "held": held}) + "\n")
+                            file.write(json.dumps({**row, "held": holdout}) + "\n")
                     except UppliedError as error:
                         print(*pair, error)
                     file.flush()
@@ -155,11 +155,11 @@ def fit(options: argparse.Namespace) -> None:
     for question in ("answer", "other"):
         some = [row for row in rows if row["question"] == question]
         evidence = np.minimum(np.array([row["evidence"][: len(CAPS)] for row in some]), CAPS)
-        right, held = (np.array([row[name] for row in some], bool) for name in ("right", "held"))
+        right, holdout = (np.array([row[name] for row in some], bool) for name in ("right", "held"))
         known = np.empty(len(some))
-        for half in (held, ~held):  # each is judged by what was calibrated on the other
+        for half in (holdout, ~holdout):  # each is judged by what was calibrated on the other
             known[half] = _probability(evidence[half], _calibrated(evidence[~half], right[~half]))
-        print(f"\n{question}: {len(some)} parts, {held.sum()} of them of structures that nobody built")
+        print(f"\n{question}: {len(some)} parts, {holdout.sum()} of them of structures that nobody built")
         _print_judged("each half judged by the other", known, right)
         for variant in VARIANTS:
             which = np.array([row["variant"] == variant for row in some])

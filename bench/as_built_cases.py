@@ -99,7 +99,7 @@ def learn(kind: str, case: Case, target: str, takes: Sequence[Take]) -> None:
     """Take the parts of a real mesh that correspond on the mesh as modelled for the right ones."""
     names, areas = np.empty(0, str), np.empty(0)
     for take in takes:
-        main, area = _meant(kind, case, take)
+        main, area = _main_and_area(kind, case, take)
         points = take.pair.surface.correspondences.target_points[main]
         known = np.isfinite(points[:, 0])
         names = np.append(names, true_parts(kind, target, points[known]))
@@ -163,7 +163,7 @@ def truth(kind: str, case: Case, target: str, variant: str, takes: Sequence[Take
     on_right, counted, reached, shown = 0.0, 0.0, np.empty((0, 3)), 1.0
     usual = _LEARNED.get((target, case.inspection, case.label), ([], 1.0))[1]
     for take in takes:
-        fit, (main, area) = take.pair.surface, _meant(kind, case, take)
+        fit, (main, area) = take.pair.surface, _main_and_area(kind, case, take)
         name = true_parts(kind, SOURCE[kind], fit.source.points)
         whole = area[np.isin(name, np.unique(name[main]))].sum()
         shown = min(shown, float(area[main].sum() / max(whole, 1e-9)))
@@ -180,7 +180,7 @@ def truth(kind: str, case: Case, target: str, variant: str, takes: Sequence[Take
     }
 
 
-def _meant(kind: str, case: Case, take: Take) -> tuple[Bools, Floats]:
+def _main_and_area(kind: str, case: Case, take: Take) -> tuple[Bools, Floats]:
     """Which samples of the source are inspected and of the sort that is meant, and the area of all."""
     cloud = take.pair.surface.source
     of_sort = [sort(str(each)) == case.sort for each in true_parts(kind, SOURCE[kind], cloud.points)]

@@ -45,7 +45,7 @@ _WHOLE = 0.9  # share of a part that was scanned, from which it is there
 _SURE = (0.0, 0.5, 0.8, 0.9, 0.97, 1.01)  # bins of what was said
 
 
-class Kept:
+class Memory:
     """Remembers what is found out about sources; `prune` forgets what was asked for once only."""
 
     def __init__(self) -> None:
@@ -67,8 +67,8 @@ def decisions(options: argparse.Namespace) -> None:
     """Write what is decided in each case."""
     path = Path(options.file[0])
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    done = {tuple(json.loads(line)["case"]) for line in lines}
-    memo = Kept()
+    names = {tuple(json.loads(line)["case"]) for line in lines}
+    memo = Memory()
     with path.open("a", encoding="utf-8") as file:
         for kind, target, variant in targets_of(options):
             siblings, source = siblings_for(kind, target, variant, options.siblings), options.source
@@ -78,7 +78,7 @@ def decisions(options: argparse.Namespace) -> None:
             ]
             for number, row in [*own, *_strangers(kind, variant, options)]:
                 name = (kind, SOURCE[kind], target, variant, number)
-                if name not in done:
+                if name not in names:
                     file.write(json.dumps({"case": name, **row(target, variant, memo)}) + "\n")
                     file.flush()
             memo.prune()
@@ -86,7 +86,7 @@ def decisions(options: argparse.Namespace) -> None:
 
 def real(options: argparse.Namespace) -> None:
     """Write what is decided for scans of real meshes, where their pieces tell what is right."""
-    memo = Kept()
+    memo = Memory()
     variants = options.variants.split(",") if options.variants else VARIANTS
     with Path(options.file[0]).open("a", encoding="utf-8") as file:
         for kind in options.kinds.split(",") if options.kinds else CASES:
@@ -118,7 +118,7 @@ def _stranger(
     options: argparse.Namespace,
     target: str,
     variant: str,
-    memo: Kept,
+    memo: Memory,
 ) -> dict[str, Any]:
     """What is decided for a flight of another kind; asked for all the same, it is to be refused."""
     source, settings = scan(other, SOURCE[other], options.source), settings_for("recommended")
@@ -149,7 +149,7 @@ def _row(
     case: Case,
     target: str,
     variant: str,
-    memo: Kept,
+    memo: Memory,
     siblings: Sequence[Structure] = (),
     source_as: str = "model",
 ) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 from as_built_cases import CASES, RIGHT, SOURCE, Case, area_of, clean_cloud, flown, learn
-from as_built_decisions import Kept, targets_of
+from as_built_decisions import Memory, targets_of
 from scans import DIVIDED, member_of, real_names, scan, surface_seen, true_parts
 from scipy.spatial import cKDTree
 
@@ -56,7 +56,7 @@ def plans(options: argparse.Namespace) -> None:
     path = Path(options.file[0])
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     rows = {tuple(json.loads(line)["case"]): json.loads(line) for line in lines}
-    memo = Kept()  # what is found out once is found out for the model as for the scan: the costs compare
+    memo = Memory()  # what is found out once is found out for the model as for the scan: the costs compare
     with path.open("a", encoding="utf-8") as file:
         for kind, target, variant in _real_targets(options) if options.real else targets_of(options):
             for number, case in enumerate(CASES[kind]):
@@ -73,7 +73,7 @@ def plans(options: argparse.Namespace) -> None:
             memo.prune()
 
 
-def _learn(kind: str, case: Case, target: str, memo: Kept) -> None:
+def _learn(kind: str, case: Case, target: str, memo: Memory) -> None:
     """Take for right what is decided, without a doubt, for a real mesh as modelled."""
     settings = settings_for("recommended", correspondence=case.correspondence)
     demonstration, source = flown(kind, case.inspection), member_of(kind, SOURCE[kind]).structure
@@ -82,7 +82,7 @@ def _learn(kind: str, case: Case, target: str, memo: Kept) -> None:
         learn(kind, case, target, takes)
 
 
-def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[str, Any]:
+def _row(kind: str, case: Case, target: str, variant: str, memo: Memory) -> dict[str, Any]:
     source, there = member_of(kind, SOURCE[kind]).structure, scan(kind, target, variant)
     demonstration = flown(kind, case.inspection)
     start = time.process_time()

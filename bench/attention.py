@@ -81,7 +81,7 @@ STEP_S = 0.5
 
 
 @dataclass(frozen=True)
-class Found:
+class Judgement:
     """What attention says of a flight, in percent."""
 
     strict: float
@@ -194,7 +194,7 @@ def _surface(structure: Structure, seed: int) -> tuple[Cloud, np.ndarray, float]
     return cloud, stretch, time.process_time() - began
 
 
-def judged(row: Row, seed: int = 0, view: Demonstration | None = None) -> Found:
+def judged(row: Row, seed: int = 0, view: Demonstration | None = None) -> Judgement:
     """What attention says of a row; recall is asked of `view`'s pictures, the flight's own if not given."""
     cloud, stretch, seconds = _surface(row.structure, seed)
     flight = row.flight
@@ -208,7 +208,7 @@ def judged(row: Row, seed: int = 0, view: Demonstration | None = None) -> Found:
     weight = weights.weight * cloud.area_m2
     good = _well_shown(row.flight if view is None else view, row.structure, cloud, strict)
     whole = max(float(weight.sum()), 1e-12)
-    return Found(
+    return Judgement(
         100 * float(weight[strict].sum()) / whole,
         100 * float(weight[attached].sum()) / whole,
         100 * float(np.mean(weights.weight[good] > 0.5)) if good.any() else float("nan"),
@@ -223,18 +223,18 @@ def _well_shown(flight: Demonstration, structure: Structure, cloud: Cloud, mine:
     shown = views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
     steps = moments(flight.trajectory, flight.breaks)
     seen = shown.seen[stations_at(shown, steps)] & mine
-    near, held = np.full(len(cloud), np.inf), np.zeros(len(cloud))
+    near, dwell_s = np.full(len(cloud), np.inf), np.zeros(len(cloud))
     for at, row, step in zip(steps.poses.positions, seen, steps.step_s, strict=True):
         ray = at - cloud.points[row]
         distance = np.linalg.norm(ray, axis=1)
         frontal = (ray * cloud.normals[row]).sum(axis=1) >= 0.5 * distance
         index = np.flatnonzero(row)[frontal]
         near[index] = np.minimum(near[index], distance[frontal])
-        held[index] += step
+        dwell_s[index] += step
     known = np.isfinite(near)
     if not known.any():
         return known
-    return known & (1 / near >= 0.5 * np.quantile(1 / near[known], 0.9)) & (held >= 1.0)
+    return known & (1 / near >= 0.5 * np.quantile(1 / near[known], 0.9)) & (dwell_s >= 1.0)
 
 
 def main() -> None:
@@ -246,7 +246,7 @@ def main() -> None:
     parser.add_argument("--only", default="")
     options = parser.parse_args()
     print(f"{'flight':36}{'strict':>8}{'weight':>8}{'recall':>8}{'area':>8}{'subject m':>11}{'CPU s':>7}")
-    results: list[tuple[str, Found]] = []
+    results: list[tuple[str, Judgement]] = []
     largest: dict[str, list[tuple[float, float, str]]] = {}
     for row in rows(options.random, options.real):
         if options.only not in row.title:

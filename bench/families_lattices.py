@@ -47,11 +47,11 @@ def guyed_mast(rng: np.random.Generator) -> list[Part]:
     parts += lattice("mast", nodes(levels, np.full(len(levels), half), 3), 0.07, 0.03)
     anchor, angles = height * rng.uniform(0.5, 0.65), np.pi / 3 * (2 * np.arange(3) + 1)
     wires, highest = int(rng.integers(2, 4)), height * rng.uniform(0.78, 0.86)
-    held = highest * np.arange(1, wires + 1) / wires
+    heights = highest * np.arange(1, wires + 1) / wires
     for number, angle in enumerate(angles, 1):
         foot = spoke(angle, anchor)
         parts.append(slab(f"anchor_{number}", foot - (1, 1, 0), foot + place(1, 1, 0.8)))
-        for n, at in enumerate(held, 1):
+        for n, at in enumerate(heights, 1):
             parts.append(strut(f"guy_{number}_{n}", foot + up(0.8), spoke(angle, half, at), 0.03, 5))
     for number in range(1, int(rng.integers(1, 4)) + 1):
         at, angle, radius = height * rng.uniform(0.88, 0.97), rng.uniform(0, 2 * np.pi), sized(rng, 0.7)

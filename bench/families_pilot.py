@@ -79,8 +79,8 @@ def _part_of(member: Member, parts: tuple[str, ...]) -> Structure:
     triangles = member.structure.triangles[np.isin(member.part_of_triangle, chosen)]
     if not len(triangles):
         raise RefusedError(member.structure.structure_id, f"has no part named {' or '.join(parts)}")
-    kept, places = np.unique(triangles, return_inverse=True)
-    vertices = member.structure.vertices[kept]
+    corners, places = np.unique(triangles, return_inverse=True)
+    vertices = member.structure.vertices[corners]
     return replace(member.structure, vertices=vertices, triangles=places.reshape(-1, 3), sha256="")
 
 

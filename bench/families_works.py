@@ -50,8 +50,8 @@ def stayed_bridge(rng: np.random.Generator) -> list[Part]:
                 at = top + tall * (0.96 - 0.5 * (1 - share))
                 y = float(np.interp(at, levels, across))
                 for way, end in ((1, "front"), (-1, "back")):
-                    held = (x + way * 0.94 * share * side, sign * (wide / 2 - 0.5), top)
-                    parts.append(strut(f"stay_{number}_{label}_{end}_{n}", (x, y, at), held, 0.09, 5))
+                    anchor = (x + way * 0.94 * share * side, sign * (wide / 2 - 0.5), top)
+                    parts.append(strut(f"stay_{number}_{label}_{end}_{n}", (x, y, at), anchor, 0.09, 5))
         foot = wide / 2 + leg + 0.4
         parts.append(slab(f"sill_{number}", (x - 0.8, -foot, low - 1.2), (x + 0.8, foot, low)))
         high = (1 - lean) * foot

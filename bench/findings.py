@@ -89,8 +89,8 @@ def _marked(
     """Off, stated error, and footprint of a pixel beside the pose's own error, m, of marks on a structure."""
     scene, seen = scene_of(truth), scene_of(known)
     errors = replace(errors, mesh_m=1.96 * NOISE_M if known is not truth else 0.0)
-    done = tried = 0
-    while done < count and tried < 30 * count:
+    number = tried = 0
+    while number < count and tried < 30 * count:
         tried += 1
         pose = interpolate(path, np.array([rng.uniform(0, path.t_s[-1])]))
         position, quat = pose.positions[0], pose.quat_xyzw[0]
@@ -107,7 +107,7 @@ def _marked(
             one = located(name, seen, CAMERA, logged, turned, read[None], errors)
         except RefusedError:
             continue
-        done += 1
+        number += 1
         off = float(np.linalg.norm(one.place - (position + reach * ray)))
         own = float(np.linalg.norm(logged - position)) + errors.attitude_deg * np.pi / 180 * reach
         yield off, one.error_m, 1.5 * one.mm_px * 1e-3 + own

@@ -113,11 +113,11 @@ def ceiling(catalog: Catalog, preset: str, seconds: float = 8.0) -> float:
     job = fleet.decide(catalog, fleet.PlanRequest((preset,), {"route": {"ground_clearance_m": 2.5}})).jobs[0]
 
     def rate(lasting_s: float) -> float:
-        began, done = time.perf_counter(), 0
-        while done == 0 or time.perf_counter() - began < lasting_s:
+        began, rounds = time.perf_counter(), 0
+        while rounds == 0 or time.perf_counter() - began < lasting_s:
             workers.run(planner.plan_job, job)
-            done += 1
-        return done / (time.perf_counter() - began)
+            rounds += 1
+        return rounds / (time.perf_counter() - began)
 
     with Workers(2, planner.prepare, (str(catalog.location),)) as workers, ThreadPoolExecutor(2) as threads:
         list(threads.map(rate, [0.0, 0.0]))  # starts both
@@ -127,9 +127,9 @@ def ceiling(catalog: Catalog, preset: str, seconds: float = 8.0) -> float:
 
 def against_a_script(catalog: Catalog, cold: Clocked, warm: Clocked, peer: int, targets: int) -> None:
     """Preset paper beside the plain script."""
-    for what, timed, given in (("cold", cold, False), ("warm", warm, True)):
-        script, frechet_s = plain(catalog, peer, given, targets)
-        show(f"plain script, {'surfaces given' if given else 'all by itself'}, 1 process", script)
+    for what, timed, with_surfaces in (("cold", cold, False), ("warm", warm, True)):
+        script, frechet_s = plain(catalog, peer, with_surfaces, targets)
+        show(f"plain script, {'surfaces given' if with_surfaces else 'all by itself'}, 1 process", script)
         wall = script.wall_each / timed.wall_each
         cpu = script.cpu_each / timed.cpu_each
         without = (script.cpu_s - frechet_s) / script.plans / timed.cpu_each
@@ -162,7 +162,7 @@ def run(catalog: Catalog, presets: tuple[str, ...], workers: int, changes: dict 
     return Clocked(time.perf_counter() - wall, cpu_s() - cpu, len(jobs))
 
 
-def plain(catalog: Catalog, count: int, given: bool, fleet_size: int) -> tuple[Clocked, float]:
+def plain(catalog: Catalog, count: int, with_surfaces: bool, fleet_size: int) -> tuple[Clocked, float]:
     """The plain script on the first targets, and whether it finds what we find; CPU s of its Frechet too.
 
     Against warm caches it is given what they hold of surfaces; against cold ones it makes its own. What
@@ -179,7 +179,7 @@ def plain(catalog: Catalog, count: int, given: bool, fleet_size: int) -> tuple[C
     fits = [study_pair(source, target, settings, catalog.cache).surface for target in targets]
 
     def body(structure: Structure, cloud: Cloud) -> Body:
-        surface = Surface(cloud.points, cloud.normals, cloud.area_m2) if given else None
+        surface = Surface(cloud.points, cloud.normals, cloud.area_m2) if with_surfaces else None
         return Body(structure.vertices, structure.triangles, surface)
 
     flight = demonstration.trajectory
@@ -198,7 +198,7 @@ def plain(catalog: Catalog, count: int, given: bool, fleet_size: int) -> tuple[C
     wall, cpu, planned = time.perf_counter(), cpu_s(), []
     for target, fit in zip(targets, fits, strict=True):
         known = (fit.correspondences.target_index, registered_map(fit.registration).matrix)
-        planned.append(script.transfer(body(target, fit.target), *(known if given else ())))
+        planned.append(script.transfer(body(target, fit.target), *(known if with_surfaces else ())))
     clocked = Clocked(once.wall_s + time.perf_counter() - wall, once.cpu_s + cpu_s() - cpu, count)
     compared(catalog, rows, planned)
     print(

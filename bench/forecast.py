@@ -31,7 +31,7 @@ from random_members import random_member
 from scipy.optimize import minimize
 from stability import read
 from stability_pairs import Pair, demonstration, pairs, structure
-from stability_rows import Kept, opened, warm_up
+from stability_rows import Memory, opened, warm_up
 
 from upplied.config import settings_for
 from upplied.errors import UppliedError
@@ -61,7 +61,7 @@ def row_of(pair: Pair) -> dict[str, Any]:
         "right": None,
         "reason": "",
     }
-    memo = Kept()
+    memo = Memory()
     settings = replace(opened(0), registration=replace(opened(0).registration, **_MEASURED))
     try:
         flight, source = demonstration(pair.flight), structure(pair.flight.source)
@@ -98,8 +98,8 @@ def _right(take: Take, pair: Pair) -> float | None:
 def collect(options: argparse.Namespace) -> None:
     """Append the pairs that are not there yet."""
     file_of, until = options.files[0], time.monotonic() + options.budget
-    done = {row["pair"] for row in read(file_of)}
-    rest = (pair for pair in pairs(options.strangers, options.shuffle) if pair.name not in done)
+    names = {row["pair"] for row in read(file_of)}
+    rest = (pair for pair in pairs(options.strangers, options.shuffle) if pair.name not in names)
     with (
         ProcessPoolExecutor(options.processes, initializer=warm_up) as pool,
         file_of.open("a", encoding="utf-8") as file,

@@ -58,15 +58,15 @@ def main() -> None:
     parser.add_argument("--step", nargs="+", default=[], help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.step:
-        name, *given = options.step
-        print(json.dumps(step(name, *given)))
+        name, *arguments = options.step
+        print(json.dumps(step(name, *arguments)))
         return
     line("targets x demonstrations", "step", "CPU s", "GiB", "GiB, children", "what came of it")
     for targets in options.settled:
         with tempfile.TemporaryDirectory() as folder:
             many = str(options.demonstrations)
             what = f"{targets} x {many}, settled"
-            for name, *given in (
+            for name, *arguments in (
                 ("generate", str(targets), many),
                 ("merge",),
                 ("decide", "baseline"),
@@ -77,7 +77,7 @@ def main() -> None:
                 ("change",),
                 ("published", str(options.pages)),
             ):
-                show(what, name, folder, given)
+                show(what, name, folder, arguments)
             for machine in planned(folder, ANOTHER, options.shards, options.pairs):
                 line(what, *machine)
             show(what, "count", folder, [ANOTHER.presets[0]])
@@ -92,9 +92,9 @@ def main() -> None:
             show(f"{targets} x {many}, planned", "published", folder, [str(options.pages)])
 
 
-def show(what: str, name: str, folder: str, given: list[str]) -> None:
+def show(what: str, name: str, folder: str, arguments: list[str]) -> None:
     """Run a step in a process of its own and print what it took."""
-    line(what, *line_of(name, read(started(name, folder, *given))))
+    line(what, *line_of(name, read(started(name, folder, *arguments))))
 
 
 def line_of(name: str, took: dict[str, float | str]) -> list[str]:
@@ -110,9 +110,9 @@ def line_of(name: str, took: dict[str, float | str]) -> list[str]:
     ]
 
 
-def started(name: str, folder: str, *given: str) -> subprocess.Popen[str]:
+def started(name: str, folder: str, *arguments: str) -> subprocess.Popen[str]:
     """A process that does one step."""
-    command = [sys.executable, __file__, "--step", name, folder, *given]
+    command = [sys.executable, __file__, "--step", name, folder, *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
@@ -125,16 +125,16 @@ def read(process: subprocess.Popen[str]) -> dict[str, float | str]:
     return figures
 
 
-def step(name: str, folder: str, *given: str) -> dict[str, float | str]:
+def step(name: str, folder: str, *arguments: str) -> dict[str, float | str]:
     """Do one step in this process."""
     steps: dict[str, Callable[..., str]] = {
         "generate": generate, "merge": merge, "decide": decide, "shards": shards, "published": published,
         "change": change, "stage": stage, "hand_out": hand_out, "machine": machine, "count": count,
     }  # fmt: skip
-    cache = Path(folder) / f"cache-{given[0]}" if name == "machine" else None
+    cache = Path(folder) / f"cache-{arguments[0]}" if name == "machine" else None
     catalog = open_catalog(Path(folder) / "catalog", cache)
     began = time.perf_counter()
-    result = steps[name](catalog, *given)
+    result = steps[name](catalog, *arguments)
     return {
         "cpu_s": scale.cpu_s(),
         "wall_s": time.perf_counter() - began,
@@ -168,8 +168,8 @@ def shards(catalog: Catalog) -> str:
 
 def published(catalog: Catalog, pages: str) -> str:
     """Tables and pages."""
-    done = publish(catalog, Path(str(catalog.location)).parent / "reports", pictures=0, pages=int(pages))
-    return f"{len(done.written)} pages written, {done.unchanged} kept; {size_mb(done.index.parent)} MB"
+    report = publish(catalog, Path(str(catalog.location)).parent / "reports", pictures=0, pages=int(pages))
+    return f"{len(report.written)} pages written, {report.unchanged} kept; {size_mb(report.index.parent)} MB"
 
 
 def size_mb(folder: Path) -> int:

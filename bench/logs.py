@@ -146,8 +146,8 @@ CONTENDERS: dict[str, tuple[str, Callable[[Path], np.ndarray]]] = {
 def measured(name: str, path: Path) -> dict[str, float]:
     """One run in a process of its own."""
     command = [sys.executable, __file__, "--run", name, "--log", str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
+    process = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(process.stdout.splitlines()[-1])
 
 
 def run(name: str, path: Path) -> None:

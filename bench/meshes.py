@@ -74,15 +74,15 @@ def ours_without_rays(path: Path) -> int:
     return len(clean(raw.vertices, raw.triangles)[1])
 
 
-def seconds(function: Callable[[Path], int], path: Path, wanted: int) -> float:
+def seconds(function: Callable[[Path], int], path: Path, expected: int) -> float:
     """CPU seconds of the better of two runs."""
     best = np.inf
     for _ in range(2):
         start = time.process_time()
         count = function(path)
         best = min(best, time.process_time() - start)
-        if count != wanted:
-            print(f"    {function.__name__}: {count} triangles instead of {wanted}")
+        if count != expected:
+            print(f"    {function.__name__}: {count} triangles instead of {expected}")
     return best
 
 

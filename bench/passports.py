@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from made_flights import FAULTS, NAMED, Made, made
+from made_flights import FAULTS, NAMED, Log, log_of
 from random_members import random_member
 
 from upplied.errors import InputError
@@ -55,7 +55,7 @@ def _structure(number: int) -> Structure:
 
 
 @cache
-def flight(number: int) -> Made:
+def flight(number: int) -> Log:
     """The right log of this number: the first of its drafts that is an inspection.
 
     It keeps 3 m, and nine in ten of its looks meet the structure.
@@ -70,7 +70,7 @@ def flight(number: int) -> Made:
     raise RuntimeError(f"no draft of flight {number} is an inspection")
 
 
-def _draft(number: int, draft: int) -> Made:
+def _draft(number: int, draft: int) -> Log:
     """Rows before a side, or a spiral."""
     rng = np.random.default_rng([number, draft, 90210])
     structure = _structure((number + draft // 8) % 24)
@@ -106,47 +106,47 @@ def _draft(number: int, draft: int) -> Made:
     t_s = np.concatenate([[0], np.cumsum(np.clip(step / speed, 0.02, 0.5))])
     t_ns = 1_770_000_000_000_000_000 + (t_s * 1e9).astype(np.int64)
     quats = from_yaw_pitch(yaw, np.clip(pitch, -1.4, 1.4))
-    return made(structure, Demonstration("judged", structure.structure_id, t_ns, places, quats), rng)
+    return log_of(structure, Demonstration("judged", structure.structure_id, t_ns, places, quats), rng)
 
 
-def _spun(log: Made, angle: np.ndarray, whole: bool) -> Made:
+def _spun(log: Log, angle: np.ndarray, whole: bool) -> Log:
     turn = Rotation.from_rotvec(np.column_stack([0 * angle, 0 * angle, np.radians(angle)]))
     places = turn.apply(log.positions) if whole else log.positions
     return replace(log, positions=places, quats=(turn * Rotation.from_quat(log.quats)).as_quat())
 
 
-def _heading(start: float, end: float, whole: bool = False) -> Callable[[Made, np.random.Generator], Made]:
+def _heading(start: float, end: float, whole: bool = False) -> Callable[[Log, np.random.Generator], Log]:
     return lambda log, rng: _spun(log, rng.choice([-1, 1]) * np.linspace(start, end, len(log)), whole)
 
 
-def _beside(metres: float) -> Callable[[Made, np.random.Generator], Made]:
-    def moved(log: Made, rng: np.random.Generator) -> Made:
+def _beside(metres: float) -> Callable[[Log, np.random.Generator], Log]:
+    def moved(log: Log, rng: np.random.Generator) -> Log:
         angle = rng.uniform(0, 2 * np.pi)
         return replace(log, positions=log.positions + metres * np.array([np.cos(angle), np.sin(angle), 0]))
 
     return moved
 
 
-def _mirrored(log: Made, rng: np.random.Generator) -> Made:
+def _mirrored(log: Log, rng: np.random.Generator) -> Log:
     mirror = np.diag([1.0, -1.0, 1.0])
     turns = mirror @ Rotation.from_quat(log.quats).as_matrix() @ mirror
     return replace(log, positions=log.positions @ mirror, quats=Rotation.from_matrix(turns).as_quat())
 
 
-def _pitched(factor: float) -> Callable[[Made, np.random.Generator], Made]:
-    def pitched(log: Made, rng: np.random.Generator) -> Made:
+def _pitched(factor: float) -> Callable[[Log, np.random.Generator], Log]:
+    def pitched(log: Log, rng: np.random.Generator) -> Log:
         yaw, pitch = yaw_pitch(log.quats)
         return replace(log, quats=from_yaw_pitch(yaw, factor * pitch))
 
     return pitched
 
 
-def _scaled(factor: float) -> Callable[[Made, np.random.Generator], Made]:
+def _scaled(factor: float) -> Callable[[Log, np.random.Generator], Log]:
     return lambda log, rng: replace(log, positions=log.positions * factor)
 
 
-def _drifting(share: float) -> Callable[[Made, np.random.Generator], Made]:
-    def drifting(log: Made, rng: np.random.Generator) -> Made:
+def _drifting(share: float) -> Callable[[Log, np.random.Generator], Log]:
+    def drifting(log: Log, rng: np.random.Generator) -> Log:
         length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(log.positions, axis=0), axis=1))])
         angle = rng.uniform(0, 2 * np.pi)
         away = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -155,14 +155,14 @@ def _drifting(share: float) -> Callable[[Made, np.random.Generator], Made]:
     return drifting
 
 
-def _faster(factor: float) -> Callable[[Made, np.random.Generator], Made]:
-    def faster(log: Made, rng: np.random.Generator) -> Made:
+def _faster(factor: float) -> Callable[[Log, np.random.Generator], Log]:
+    def faster(log: Log, rng: np.random.Generator) -> Log:
         return replace(log, t_ns=log.t_ns[0] + ((log.t_ns - log.t_ns[0]) / factor).astype(np.int64))
 
     return faster
 
 
-SMALL: dict[str, Callable[[Made, np.random.Generator], Made]] = {
+SMALL: dict[str, Callable[[Log, np.random.Generator], Log]] = {
     "a heading that drifts by 20 deg": _heading(0, 20),
     "by 30 deg": _heading(0, 30),
     "by 45 deg": _heading(0, 45),
@@ -184,7 +184,7 @@ SMALL: dict[str, Callable[[Made, np.random.Generator], Made]] = {
 }
 
 
-def judged(log: Made, path: Path) -> tuple[str, set[str]]:
+def judged(log: Log, path: Path) -> tuple[str, set[str]]:
     """What becomes of a log, and the rules that say something."""
     try:
         flight = read_demonstration(log.write(path), LogOptions(), structures=lambda name: log.structure)

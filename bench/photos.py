@@ -111,16 +111,16 @@ def written_of(plan: Plan, target: Structure, camera: Camera, trigger_s: float, 
     with tempfile.TemporaryDirectory() as folder:
         for name in (name for name in FORMATS if name != "mcap"):
             goal = Path(folder) / f"m{FORMATS[name]}"
-            done = export(plan, placed, name, goal, mission_options, camera)
-            for path, mission in zip(done.paths, done.missions, strict=False):
+            files = export(plan, placed, name, goal, mission_options, camera)
+            for path, mission in zip(files.paths, files.missions, strict=False):
                 reading = read_mission(name, path.read_bytes(), mission)
                 apart += np.diff(reading.photo_s).tolist()
-                meant = mission.local[mission.photo]
-                lost += abs(len(meant) - len(reading.photo_m))
-                if len(meant) == len(reading.photo_m):
-                    off += np.linalg.norm(reading.photo_m - meant, axis=1).tolist()
+                expected_m = mission.local[mission.photo]
+                lost += abs(len(expected_m) - len(reading.photo_m))
+                if len(expected_m) == len(reading.photo_m):
+                    off += np.linalg.norm(reading.photo_m - expected_m, axis=1).tolist()
             if name == "csv":
-                whole = done.missions
+                whole = files.missions
     inside = [mission.arrival_s[mission.inspect] for mission in whole]
     nothing = np.full(1, np.nan)
     along, across = (

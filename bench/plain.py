@@ -172,7 +172,7 @@ class Script:
         with clocked("clearance"):
             clearance = nearest(target, places)
         with clocked("other measures"):
-            need, standoff = self.wanted(target, answers, carry)
+            need, standoff = self.needs(target, answers, carry)
             used = (need > 0) & np.isfinite(near)
             angle = np.degrees(np.arccos(np.clip(frontal[used], -1, 1)))
             legs = np.diff(places, axis=0)
@@ -224,7 +224,7 @@ class Script:
         step = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.maximum(speed, 0.05)
         return np.concatenate([[0], np.cumsum(np.maximum(step, 1e-3))])
 
-    def wanted(self, target, answers, carry):
+    def needs(self, target, answers, carry):
         """For how much demonstrated area each target sample answers, and from how near that was seen."""
         near = np.full(len(self.body.samples), np.inf)
         for place, seen in zip(self.dense[0], self.truly, strict=True):

@@ -185,13 +185,13 @@ def refined(place, start, seen, source, target, partner):
         return start
     sigma_d, sigma_t = source.std(0), target.std(0)
     points = (target[partner[seen]] - target.mean(0)) / sigma_t
-    wanted = np.linalg.norm((source[seen] - place) / sigma_d, axis=1)
+    demonstrated = np.linalg.norm((source[seen] - place) / sigma_d, axis=1)
     here = best = (start - target.mean(0)) / sigma_t
     least = np.inf
     for _ in range(STEPS + 1):
         ray = here - points
         distance = np.linalg.norm(ray, axis=1)
-        residual = distance - wanted
+        residual = distance - demonstrated
         if residual @ residual < least:
             best, least = here, residual @ residual
         slope = ray / distance[:, None]

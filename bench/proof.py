@@ -21,7 +21,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from proof_faults import ASKED, FAULTS, PHOTO_EVERY_S, Case
+from proof_faults import FAULTS, PHOTO_EVERY_S, PROMISED, Case
 from proof_truth import truly_seen
 
 from upplied.config import CloudSettings, RetimeSettings, settings_for
@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="paths whose name contains this")
     parser.add_argument("--worst", action="store_true", help="print every flight")
     options = parser.parse_args()
-    flights: dict[str, list[Found]] = {name: [] for name in FAULTS}
+    flights: dict[str, list[Judgement]] = {name: [] for name in FAULTS}
     began = time.process_time()
     for demonstration in sample_demonstrations():
         if options.only not in demonstration.demonstration_id:
@@ -72,7 +72,7 @@ def main() -> None:
     for name, rows in flights.items():
         print(f"{name:32}{_summary(rows)}")
     every = [row for rows in flights.values() for row in rows]
-    named = [row for name in ASKED for row in flights[name]]
+    named = [row for name in PROMISED for row in flights[name]]
     print(f"gap area of all flights: F1 {_pooled(every):.4f}; of the named faults {_pooled(named):.4f}")
     lengths = np.array([row.length for row in every if np.isfinite(row.length)])
     print(
@@ -83,7 +83,7 @@ def main() -> None:
 
 
 @dataclass(frozen=True)
-class Found:
+class Judgement:
     """What came of one flight."""
 
     gap_pct: float  # of what the plan shows
@@ -122,7 +122,7 @@ class Ground:
         required = truly_seen(structure, interpolate(path, photos), surface, camera)
         return cls(path, structure, surface, camera, required)
 
-    def judged(self, case: Case) -> Found:
+    def judged(self, case: Case) -> Judgement:
         """Align the log, find the gap, plan the flight that closes it, and compare all with the truth."""
         scene = scene_of(self.structure)
         start = case.log.t_s[0]
@@ -139,7 +139,7 @@ class Ground:
             attainable = gap & ~closing.unattainable
             closed = 100 * float(shown[attainable].mean()) if attainable.any() else float("nan")
             length = closing.length_m / closing.bound_m if closing.bound_m > 1.0 else float("nan")
-        return Found(
+        return Judgement(
             100 * float(true_gap.sum() / max(self.required.sum(), 1)),
             _f1(gap, true_gap),
             closed,
@@ -185,7 +185,7 @@ def _alignment_error(alignment: Alignment, case: Case) -> tuple[float, float]:
     return 100 * float(place), abs(alignment.clock_s + case.log.t_s[0] - case.clock_s)
 
 
-def _pooled(rows: list[Found]) -> float:
+def _pooled(rows: list[Judgement]) -> float:
     """F1 of the gap area of all flights together; NaN where there is none."""
     both, claimed, true = np.array([row.patches for row in rows]).sum(axis=0)
     return 2 * float(both) / float(claimed + true) if claimed + true else float("nan")
@@ -196,9 +196,9 @@ def _f1(claimed: Bools, true: Bools) -> float:
     return 2 * both / int(claimed.sum() + true.sum()) if claimed.any() or true.any() else float("nan")
 
 
-def _summary(rows: list[Found]) -> str:
+def _summary(rows: list[Judgement]) -> str:
     with np.errstate(all="ignore"):
-        names = [name for name in Found.__dataclass_fields__ if name != "patches"]
+        names = [name for name in Judgement.__dataclass_fields__ if name != "patches"]
         column = {name: np.array([getattr(row, name) for row in rows]) for name in names}
         return (
             f"{len(rows):8d}{np.mean(column['gap_pct']):8.2f}{_pooled(rows):9.4f}{_mean(column['f1']):9.4f}{_least(column['f1']):8.4f}"

@@ -110,7 +110,7 @@ FAULTS = {
 
 
 #: Those of a list that the program is held to; the others are told beside them.
-ASKED = (
+PROMISED = (
     "aborted at 60 %", "every tenth photo lost", "gimbal stuck for 20 s", "position off by 1 m after half",
     "heading off by 2 deg", "log cut at 80 %", "clock shifted by 3 s",
 )  # fmt: skip

@@ -40,8 +40,8 @@ def closed(place: Place) -> Iterator[tuple[str, float, float, float]]:
     graph = roadmap(airspace, place.surface, plan.positions[:: max(1, len(plan) // _PLACES)])
     for name, manner in LEFT_OUT.items():
         flight = flown(plan, manner, 0)
-        given = place.viewpoint_s, align(plan, flight.log), flight.log, place.surface, place.camera
-        inspected = as_flown(plan, *given, place.scene, flight.photo_s).looks.inspected
+        arguments = place.viewpoint_s, align(plan, flight.log), flight.log, place.surface, place.camera
+        inspected = as_flown(plan, *arguments, place.scene, flight.photo_s).looks.inspected
         assert inspected is not None
         limits = settings_for("recommended").retime
         gap = gap_flight(plan, place.surface, ~inspected, place.camera, graph, limits)

@@ -105,8 +105,8 @@ class Place:
             alignment = align(self.plan, flight.log, flight.accuracy_m)
         except RefusedError as refusal:
             return Outcome(self.name, name, refused=str(refusal))
-        given = self.plan, self.viewpoint_s, alignment, flight.log, self.surface, self.camera, self.scene
-        claims = as_flown(*given, flight.photo_s)
+        arguments = self.plan, self.viewpoint_s, alignment, flight.log, self.surface, self.camera, self.scene
+        claims = as_flown(*arguments, flight.photo_s)
         known = flight.photo_s[_recorded(flight.log, flight.photo_s)]
         at = np.clip(np.round(known / BEAT_S).astype(int), 0, len(flight.truth) - 1)
         seen = truly_seen(self.structure, flight.truth.take(at), self.surface, self.camera)

@@ -16,7 +16,7 @@ from transfers import Transfer, transfers
 from upplied.config import settings_for
 from upplied.planning.plan import METHOD_VERSION, plan_transfer
 
-KEPT = Path(__file__).resolve().parents[1] / "tests" / "data" / "results.json"
+FILE = Path(__file__).resolve().parents[1] / "tests" / "data" / "results.json"
 PRESETS = ("recommended", "paper")
 #: What is kept, and how far it may be off: by so much, or by so large a share of itself where that is more.
 #: It is what a plan may vary by while it means the same, since processors round otherwise in the last digit.
@@ -60,8 +60,8 @@ def main() -> None:
         for preset in PRESETS
     }
     text = json.dumps({"method_version": METHOD_VERSION, "rows": rows}, indent=1, sort_keys=True)
-    KEPT.write_text(text + "\n", encoding="utf-8")
-    print(f"{len(rows)} rows of method {METHOD_VERSION} kept in {KEPT}")
+    FILE.write_text(text + "\n", encoding="utf-8")
+    print(f"{len(rows)} rows of method {METHOD_VERSION} kept in {FILE}")
 
 
 if __name__ == "__main__":

@@ -149,8 +149,8 @@ def main() -> None:
 def in_a_process_of_its_own(targets: int) -> Cost:
     """Peaks of memory are those of a process's life, so each size gets one."""
     command = [sys.executable, __file__, "--one", str(targets)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-    return Cost(**json.loads(done.stdout))
+    process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    return Cost(**json.loads(process.stdout))
 
 
 def alone(targets: int) -> Cost:

@@ -146,15 +146,15 @@ def row(transfer: Transfer, plan: Plan) -> dict[str, Any]:
 
 def chosen(options: argparse.Namespace) -> Iterator[Transfer]:
     """The transfers that the options ask for, or each flight of theirs to its own structure."""
-    done = set()
+    names = set()
     for real in (False, True) if options.real else (False,):
         for each in transfers(real, options.only):
             named = f"{'real ' if real else ''}{each.published.title}"
             target = each.target
             if options.own:
                 named, target = f"{named.split(' > ')[0]} > itself", each.source
-            if named not in done:
-                done.add(named)
+            if named not in names:
+                names.add(named)
                 yield Transfer(replace(each.published, title=named), each.demonstration, each.source, target)
 
 

@@ -80,7 +80,7 @@ class Row:
     settings: Settings
 
 
-class Kept:
+class Memory:
     """A memo that keeps some stages and computes the others anew."""
 
     def __init__(self, stages: set[str] | None = None, known: dict[Any, Any] | None = None) -> None:
@@ -147,7 +147,7 @@ def changed(constant: Constant, value: float) -> Iterator[None]:
             setattr(module, name, old)
 
 
-def figures(row: Row, memo: Kept) -> dict[str, float]:
+def figures(row: Row, memo: Memory) -> dict[str, float]:
     """The compared measures of a row; all NaN where it fails."""
     try:
         plan = plan_transfer(row.demonstration, replace(row.source), replace(row.target), row.settings, memo)
@@ -172,14 +172,14 @@ def main() -> None:
     parser.add_argument("--real", action="store_true", help="on real meshes, see bench/real_data.py")
     options = parser.parse_args()
     part, parts = (int(each) for each in options.part.split("/"))
-    wanted = [each for each in tuned() if options.only in f"{each.module}.{each.name}"][part - 1 :: parts]
+    constants = [each for each in tuned() if options.only in f"{each.module}.{each.name}"][part - 1 :: parts]
     tried = list(rows(options.real))
-    stores = [Kept() for _ in tried]
+    stores = [Memory() for _ in tried]
     base = [figures(row, store) for row, store in zip(tried, stores, strict=True)]
     stream = options.csv.open("w", newline="") if options.csv else None
     writer = csv.writer(stream) if stream else None
     print(f"{'number':52}{'value':>10}{'tried':>10}  moves")
-    for constant in wanted:
+    for constant in constants:
         before = _BEFORE.get(constant.module.split(".")[2], set())
         for value in others(constant.value):
             began, lines = time.process_time(), []
@@ -187,7 +187,7 @@ def main() -> None:
                 for row, store, was in zip(tried, stores, base, strict=True):
                     if row.title not in _ROWS.get(constant.module.split(".")[2], (row.title,)):
                         continue
-                    now = figures(row, Kept(before, store.known))
+                    now = figures(row, Memory(before, store.known))
                     lines += [
                         (row.title, name, now[name] - was[name])
                         for name, tolerance in COMPARED.items()

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from made_flights import Made, right
+from made_flights import Log, right
 from made_logs import Flight, flight
 from made_sources import UNTIMED, WRITERS
 from passports import TELL
@@ -107,7 +107,7 @@ def forms() -> None:
         print(f"{form:16}{1000 * off_m:12.3f}{turned:14.5f}{late:>10}", flush=True)
 
 
-def judged(log: Made, form: str, folder: Path, convention: str = "") -> str:
+def judged(log: Log, form: str, folder: Path, convention: str = "") -> str:
     """What becomes of a log: read, warned of, refused, or named with the convention that it is written in."""
     some = np.unique(np.linspace(0, len(log) - 1, _POSES).astype(int))
     place = Path(tempfile.mkdtemp(dir=folder))
@@ -120,7 +120,7 @@ def judged(log: Made, form: str, folder: Path, convention: str = "") -> str:
     return "warned of" if {item["rule"] for item in flight.passport["findings"]} & TELL else "read"
 
 
-def indistinguishable(log: Made, wrong: Made) -> bool:
+def indistinguishable(log: Log, wrong: Log) -> bool:
     """Whether a wrong log is of a flight like the right one, mirrored or turned beside its structure."""
     scene = scene_of(log.structure)
     distances = [(scene.distance(each.positions), scene.cast(each.positions, optical_axis(each.quats))[0])

@@ -100,8 +100,8 @@ def _run(options: argparse.Namespace) -> None:
         and not (options.real and "-random-" in pair.name)
         and (not options.pairs or any(word in pair.name for word in options.pairs))
     ][:count]
-    done = {(row["pair"], row["variant"]) for row in read(options.out)}
-    jobs = [(pair, [one for one in variants if (pair.name, one) not in done]) for pair in chosen]
+    keys = {(row["pair"], row["variant"]) for row in read(options.out)}
+    jobs = [(pair, [one for one in variants if (pair.name, one) not in keys]) for pair in chosen]
     jobs = [(pair, some) for pair, some in jobs if some]
     if not options.families and not meshes():
         print("no real structures found (UPPLIED_REAL_DATA): generated ones alone", flush=True)

@@ -105,14 +105,14 @@ class Rows:
         ]
 
     @cached_property
-    def given(self) -> list[Row]:
+    def unvaried(self) -> list[Row]:
         """Those of the pairs as given."""
         return [row for row in self.good if row.values["variant"] == "given"]
 
     @cached_property
     def beside(self) -> list[tuple[Row, Row]]:
         """Each variant with its pair as given."""
-        known = {row.values["pair"]: row for row in self.given}
+        known = {row.values["pair"]: row for row in self.unvaried}
         return [
             (row, known[row.values["pair"]])
             for row in self.good

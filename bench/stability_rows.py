@@ -39,7 +39,7 @@ def rows_of(pair: Pair, variants: list[str]) -> Iterator[dict[str, Any]]:
 
     The first is planned with nothing known (`cold`), the others with what was learned about the flight.
     """
-    memo = Kept()
+    memo = Memory()
     for variant in variants:
         row: dict[str, Any] = {
             "pair": pair.name,
@@ -64,7 +64,7 @@ def all_rows_of(pair: Pair, variants: list[str]) -> list[dict[str, Any]]:
     return list(rows_of(pair, variants))
 
 
-class Kept:
+class Memory:
     """Remembers in memory what planning finds out."""
 
     def __init__(self) -> None:
@@ -95,24 +95,24 @@ def opened(seed: int) -> Settings:
     return settings_for("recommended", **changes)
 
 
-def _row(pair: Pair, variant: str, memo: Kept) -> dict[str, Any]:
+def _row(pair: Pair, variant: str, memo: Memory) -> dict[str, Any]:
     source, target = structure(pair.flight.source), structure(pair.target)
     # A stranger is declared to be of the kind: the geometry alone is asked.
     inputs = varied(demonstration(pair.flight), source, replace(target, kind=source.kind), variant)
-    given = inputs.demonstration, inputs.source, inputs.target
+    records = inputs.demonstration, inputs.source, inputs.target
     settings = settings_for("recommended", clouds={"seed": inputs.seed})
     began = time.process_time()
-    plan = plan_transfer(*given, settings, memo)
+    plan = plan_transfer(*records, settings, memo)
     row: dict[str, Any] = {"cpu_s": round(time.process_time() - began, 3)}
     row |= {"status": plan.status, "reason": plan.reason[:300], "warnings": len(plan.warnings)}
     forced = plan
     if plan.status != "ok" and not pair.stranger:
         settings = opened(inputs.seed)
-        forced = plan_transfer(*given, settings, memo)
+        forced = plan_transfer(*records, settings, memo)
         row |= {"open_status": forced.status, "open_reason": forced.reason[:300]}
     row["measures"] = _plain(forced)
     if variant == "given" and not pair.stranger:
-        baseline = plan_transfer(*given, settings_for("baseline"), memo)
+        baseline = plan_transfer(*records, settings_for("baseline"), memo)
         row["box_inspected_pct"] = _number(baseline.measures.coverage_inspected_pct)
     if forced.trajectory is not None:
         row |= _ruled(forced, inputs.source, inputs.target, inputs.demonstration.trajectory, settings)

@@ -15,12 +15,12 @@ Figures = dict[str, str]
 
 def figures(rows: Rows) -> Figures:
     """The figures of one column, as text."""
-    good, given, beside = rows.good, rows.given, rows.beside
-    accepted = [row for row in given if row.accepted]
+    good, unvaried, beside = rows.good, rows.unvaried, rows.beside
+    accepted = [row for row in unvaried if row.accepted]
     every = [row for row in good if row.accepted]
     both = [(row, first) for row, first in beside if row.accepted and first.accepted]
     forced = [(row, first) for row, first in beside if row.planned and first.planned]
-    able = [row for row in given if row.shown >= 90]
+    able = [row for row in unvaried if row.shown >= 90]
     strangers = [row for row in rows.by_key.values() if row.values["stranger"]]
     crashes = sum(row.values["status"] == "crash" for row in rows.by_key.values())
     boxed = [row.figure("box_inspected_pct") - row.shown for row in accepted]
@@ -36,8 +36,8 @@ def figures(rows: Rows) -> Figures:
     lost = [row.axis_lost for row in accepted]
     ruled = [row.short_m for row in planned]
     return {
-        "pairs / rows / crashed": f"{len(given)}/{len(rows.by_key)}/{crashes}",
-        "accepted as given": _of(len(accepted), len(given)),
+        "pairs / rows / crashed": f"{len(unvaried)}/{len(rows.by_key)}/{crashes}",
+        "accepted as given": _of(len(accepted), len(unvaried)),
         "FLIPS of variants, % (<= 1)": _share(row.accepted != first.accepted for row, first in beside),
         "INSPECTED within 1 point of given, % (>= 95)": _share(d <= 1 for d in drift),
         "  largest difference, points (<= 3)": _most(drift),
@@ -47,7 +47,7 @@ def figures(rows: Rows) -> Figures:
         "FRECHET / stand-off, %: median (<= 5)": _at(frechet, 50),
         "  95th percentile": _at(frechet, 95),
         "  largest (<= 20)": _most(frechet),
-        "refused with gates open, too": _of(sum(not row.planned for row in given), len(given)),
+        "refused with gates open, too": _of(sum(not row.planned for row in unvaried), len(unvaried)),
         "SHOWS 90 if let: accepted, % (>= 95)": _counted(row.accepted for row in able),
         "ACCEPTED, shows < 60, % (<= 1)": _share(row.shown < 60 for row in every),
         "INSPECTED / attainable, mean (98.5)": _mean(attained),
@@ -157,14 +157,14 @@ def _print_worst(rows: Rows, worst: int) -> None:
         [(abs(r.shown - f.shown), r, f"{f.shown:.1f} > {r.shown:.1f}") for r, f in both],
     )
     named("path, % of the stand-off from as given", [(apart(row, first), row, "") for row, first in both])
-    refused = [row for row in rows.given if not row.accepted and row.shown >= 90]
+    refused = [row for row in rows.unvaried if not row.accepted and row.shown >= 90]
     named("refused, and would show, %", [(row.shown, row, row.values["reason"][:110]) for row in refused])
     named("least attained, points short", [(100 - row.attained, row, "") for row in accepted])
     named(
         "below box scaling, points",
-        [(row.figure("box_inspected_pct") - row.shown, row, "") for row in rows.given if row.accepted],
+        [(row.figure("box_inspected_pct") - row.shown, row, "") for row in rows.unvaried if row.accepted],
     )
-    named("axis lost, points", [(row.axis_lost, row, "") for row in rows.given if row.accepted])
+    named("axis lost, points", [(row.axis_lost, row, "") for row in rows.unvaried if row.accepted])
     named(
         "short of the promised clearance, m",
         [(r.short_m, r, "") for r in rows.good if r.planned and r.short_m > CLEARANCE_M],

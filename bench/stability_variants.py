@@ -31,28 +31,28 @@ class Inputs:
 
 def varied(demonstration: Demonstration, source: Structure, target: Structure, variant: str) -> Inputs:
     """Copies of all three that remember nothing, changed as the variant says."""
-    given = Inputs(replace(demonstration), replace(source), replace(target), 0)
+    inputs = Inputs(replace(demonstration), replace(source), replace(target), 0)
     rng = np.random.default_rng(zlib.crc32(f"{variant} {target.structure_id}".encode()))
     if variant in ("given", "kernel"):
-        return given
+        return inputs
     if variant.startswith("noise"):
-        return replace(given, target=_moved(target, variant, rng))
+        return replace(inputs, target=_moved(target, variant, rng))
     if variant.startswith("source"):
-        return replace(given, source=_moved(source, variant, rng))
+        return replace(inputs, source=_moved(source, variant, rng))
     if variant == "order":
-        return replace(given, target=_ordered(target, rng))
+        return replace(inputs, target=_ordered(target, rng))
     if variant.startswith("welded"):
         which = variant.removeprefix("welded")
         one = _welded(source) if which else source
-        return replace(given, source=one, target=target if which == "-source" else _welded(target))
+        return replace(inputs, source=one, target=target if which == "-source" else _welded(target))
     if variant == "divided":
-        return replace(given, target=_meshed(target, variant, *divided(target.vertices, target.triangles)))
+        return replace(inputs, target=_meshed(target, variant, *divided(target.vertices, target.triangles)))
     if variant == "rounded":
-        return replace(given, target=_rounded(target))
+        return replace(inputs, target=_rounded(target))
     if variant.startswith("seed"):
-        return replace(given, seed=int(variant[4:]))
+        return replace(inputs, seed=int(variant[4:]))
     if variant == "half":
-        return replace(given, demonstration=_halved(demonstration, rng))
+        return replace(inputs, demonstration=_halved(demonstration, rng))
     raise SystemExit(f"variant {variant!r} is unknown: one of {', '.join(VARIANTS + MORE)}")
 
 

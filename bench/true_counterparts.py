@@ -75,8 +75,8 @@ def _answering_triangles(one: Member, other: Member, renamed: Mapping[str, str])
     """For each triangle of the one its partner on the other, -1 where there is none."""
     answer = np.full(len(one.part_of_triangle), -1)
     for name in one.part_names:
-        wanted = renamed.get(name, name)
-        name_there = wanted if wanted in other.part_names else name
+        own_name = renamed.get(name, name)
+        name_there = own_name if own_name in other.part_names else name
         there = other.triangles_of(name_there)
         if len(there):
             answer[one.triangles_of(name)] = there

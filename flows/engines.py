@@ -103,17 +103,17 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
     """Shards as tasks, written where all machines read them; what no engine kept is planned here."""
     runner: TaskRunner[Any]
     planning: Task[..., None]
-    given: dict[str, Any] = {"catalog": str(catalog.location), "run_id": run_id}
+    terms: dict[str, Any] = {"catalog": str(catalog.location), "run_id": run_id}
     if resources.engine == "pool":  # runs of a deployment on a work pool
         machines = pool.machines()
         size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
         shards, planning = fleet.shards(jobs, machines, size), pool.plan_on_pool
-        given["resources"] = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
+        terms["resources"] = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
         runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
     else:  # tasks on a cluster
         shards, planning = fleet.shards(jobs, resources.workers or ELSEWHERE), tasks.plan_elsewhere
         limits = resources.model_dump(include={"timeout_s", "memory_gib"})
-        given |= {"engine": resources.engine, "limits": limits}
+        terms |= {"engine": resources.engine, "limits": limits}
         runner = _cluster(resources)
     planned = Planned(shards=len(shards))
     try:
@@ -121,7 +121,7 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
         named = dict(zip(names, shards, strict=True))
         with runner:
             submitted = [
-                runner.submit(planning, {"name": fleet.shard_name(shard), "shard": name, "given": given})
+                runner.submit(planning, {"name": fleet.shard_name(shard), "shard": name, "terms": terms})
                 for name, shard in named.items()
             ]
             for shard, future in advancing(list(zip(shards, submitted, strict=True))):
@@ -165,16 +165,16 @@ def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
     """
     artifact, due = None, -math.inf
     with progress("shards", len(shards)) as advance:
-        for done in range(len(shards) + 1):
-            if done == len(shards) or time.monotonic() >= due:
-                percent, due = 100.0 * done / len(shards) if shards else 100.0, time.monotonic() + EVERY_S
+        for count in range(len(shards) + 1):
+            if count == len(shards) or time.monotonic() >= due:
+                percent, due = 100.0 * count / len(shards) if shards else 100.0, time.monotonic() + EVERY_S
                 with suppress(httpx.HTTPError):  # the server is away: the next look tells as well
                     if artifact is None:
                         artifact = create_progress_artifact(percent, key=KEY)
                     else:
                         update_progress_artifact(artifact, percent)
-            if done < len(shards):
-                yield shards[done]
+            if count < len(shards):
+                yield shards[count]
                 advance()
 
 

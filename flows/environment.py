@@ -99,8 +99,8 @@ def check_roots(**locations: str | Sequence[str]) -> None:
     from prefect import runtime  # which reads its settings when it is loaded: they are made here
 
     roots = named_roots() or ([str(home())] if runtime.deployment.id else [])  # a deployment has its folder
-    for name, given in locations.items():
-        for location in filter(None, [given] if isinstance(given, str) else given):
+    for name, value in locations.items():
+        for location in filter(None, [value] if isinstance(value, str) else value):
             if roots and not any(_within(location, root) for root in roots):
                 fault = "lies outside the roots that runs may use"
                 rule = f"one of {', '.join(roots)}, or under it"

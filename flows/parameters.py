@@ -51,8 +51,8 @@ StructureBounds = _bounds(StructureSettings, 0.0)
 
 def bound_options(bounds: BaseModel) -> list[str]:
     """Bounds as `--set` says them."""
-    given = bounds.model_dump(exclude_unset=True, exclude_none=True)
-    return [f"{name}={value!r}" for name, value in given.items()]
+    values = bounds.model_dump(exclude_unset=True, exclude_none=True)
+    return [f"{name}={value!r}" for name, value in values.items()]
 
 
 class Resources(BaseModel):

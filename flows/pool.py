@@ -48,9 +48,9 @@ def shard_targets(targets: int, count: int) -> int:
 
 
 @task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
-def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
+def plan_on_pool(name: str, shard: str, terms: dict[str, Any]) -> None:
     """Plan one shard on a machine of the work pool, on another one if that is lost; else a `FailedRun`."""
-    run = run_deployment(SHARD, parameters={**given, "shard": shard}, flow_run_name=name[:200], timeout=0)
+    run = run_deployment(SHARD, parameters={**terms, "shard": shard}, flow_run_name=name[:200], timeout=0)
 
     def look(client: SyncPrefectClient, run: FlowRun) -> None:
         if run.state is not None and run.state.is_scheduled() and not _online(client):
@@ -86,14 +86,14 @@ def run_now(parameters: Sequence[str], watch: bool, say: Callable[[str], None]) 
     Each line for the person goes to `say`. `NotAccepted` where the server refuses the run or knows no such
     deployment.
     """
-    given = dict(map(_parameter, parameters))
+    values = dict(map(_parameter, parameters))
     try:
         with get_client(sync_client=True) as client:
             schema = client.read_deployment_by_name(FLEET).parameter_openapi_schema or {}
-        known = schema.get("properties", given)
-        if unknown := sorted(given.keys() - known.keys()):
+        known = schema.get("properties", values)
+        if unknown := sorted(values.keys() - known.keys()):
             raise NotAccepted(f"{', '.join(unknown)}: no such parameter; known: {', '.join(sorted(known))}")
-        run = run_deployment(FLEET, parameters=given, timeout=0, as_subflow=False)
+        run = run_deployment(FLEET, parameters=values, timeout=0, as_subflow=False)
     except ObjectNotFound:
         raise NotAccepted(f"there is no deployment {FLEET}: upplied deploy") from None
     except PrefectHTTPStatusError as error:

@@ -86,8 +86,8 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
         serving.Server(catalog, port + 1, bind, login, allowed_names(), bound).run()
     elif part == "server":
         folder.mkdir(parents=True, exist_ok=True)
-        held = service.alone(folder)
-        os.set_inheritable(held.fileno(), True)
+        lock = service.alone(folder)
+        os.set_inheritable(lock.fileno(), True)
         os.umask(PRIVATE)
         env.sign_in(folder, f"http://127.0.0.1:{port}/api")
         variables = env.environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
@@ -130,9 +130,9 @@ def declared(roots: Sequence[str]) -> list[str]:
 def deploy(variables: dict[str, str]) -> None:
     """The work pools, the deployments of prefect.yaml, and what Prefect does by itself."""
     words = [sys.executable, "-m", f"{__package__}.automations", str(env.carried("prefect.yaml"))]
-    done = subprocess.run(words, env=variables, cwd=env.home(), check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise ServerError(f"the deployments were not made:\n{done.stdout}{done.stderr}")
+    child = subprocess.run(words, env=variables, cwd=env.home(), check=False, capture_output=True, text=True)
+    if child.returncode:
+        raise ServerError(f"the deployments were not made:\n{child.stdout}{child.stderr}")
 
 
 def attend(processes: Mapping[str, subprocess.Popen[bytes]], log: Path, runs: list[psutil.Process]) -> None:

@@ -110,13 +110,13 @@ def publish(catalog: str, folder: str, of: str = "transfers") -> list[str]:
 
 
 @task(name="plan-elsewhere", task_run_name="{name}", cache_policy=NO_CACHE)
-def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
+def plan_elsewhere(name: str, shard: str, terms: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
-    catalog, limits, worker = given["catalog"], fleet.Limits(**given["limits"]), worker_of(given["engine"])
+    catalog, limits, worker = terms["catalog"], fleet.Limits(**terms["limits"]), worker_of(terms["engine"])
     # Before anything is noted: a run that has ended took its shards away.
     jobs = planner.read_shard(catalog, shard)
     with planner.attempt(catalog, shard, worker):
-        fleet.plan_here(catalog, jobs, given["run_id"], worker, limits, campaign.plan_job)
+        fleet.plan_here(catalog, jobs, terms["run_id"], worker, limits, campaign.plan_job)
 
 
 def worker_of(engine: str) -> str:

@@ -27,9 +27,9 @@ BOTH: Presets = ["recommended", "baseline"]
 
 def run_name() -> str:
     """What a run does, in words."""
-    given = runtime.flow_run.parameters
-    flown = ", ".join(given.get("demonstrations") or []) or "every demonstration"
-    targets = ", ".join(given.get("targets") or []) or "the fleet"
+    parameters = runtime.flow_run.parameters
+    flown = ", ".join(parameters.get("demonstrations") or []) or "every demonstration"
+    targets = ", ".join(parameters.get("targets") or []) or "the fleet"
     return f"{flown} to {targets}"[:200]
 
 
@@ -79,8 +79,8 @@ def transfer_fleet(
     if logs:
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
     flown, there = tuple(demonstrations or ()), tuple(targets or ())
-    given = changes.model_dump(exclude_unset=True)
-    plan_request = fleet.PlanRequest(tuple(presets), given, flown, there, retry_failed, experiment or "")
+    values = changes.model_dump(exclude_unset=True)
+    plan_request = fleet.PlanRequest(tuple(presets), values, flown, there, retry_failed, experiment or "")
     store = open_catalog(catalog)
     if unread := [run.message or run.name for run in read if run.name != "Completed"]:
         try:

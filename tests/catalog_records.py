@@ -45,7 +45,7 @@ def copied(begun: Catalog, place: Path) -> Catalog:
 def structure(name: str = "boxy", seed: int = 0, **changes: Any) -> Structure:
     """A structure with every field said."""
     rng = np.random.default_rng(seed)
-    made = Structure(
+    record = Structure(
         name,
         "box",
         rng.normal(size=(60, 3)) * 10,
@@ -58,13 +58,13 @@ def structure(name: str = "boxy", seed: int = 0, **changes: Any) -> Structure:
         symmetric=True,
         notes='said "so" | <b>',
     )
-    return replace(made, **changes)
+    return replace(record, **changes)
 
 
 def demonstration(name: str = "flight", seed: int = 0, count: int = 50, **changes: Any) -> Demonstration:
     """A demonstration with every field said."""
     rng = np.random.default_rng(seed)
-    made = Demonstration(
+    record = Demonstration(
         name,
         "boxy",
         np.cumsum(rng.integers(1, 10**9, count)) + 1_700_000_000_000_000_000,
@@ -82,7 +82,7 @@ def demonstration(name: str = "flight", seed: int = 0, count: int = 50, **change
         topic="/drone/pose",
         notes="last chunk lost",
     )
-    return replace(made, **changes)
+    return replace(record, **changes)
 
 
 def plan(
@@ -91,7 +91,7 @@ def plan(
     """A plan with every field said; refused and failed ones have no trajectory."""
     rng = np.random.default_rng(seed)
     numbers = {item.name: float(rng.random()) for item in fields(Measures)}
-    made = Plan(
+    record = Plan(
         "flight",
         "boxy",
         target,
@@ -109,19 +109,19 @@ def plan(
         warnings=("wind", 'a "quote"'),
     )
     if status != "ok":
-        return replace(made, reason="does not fit: 0.9 > 0.5", measures=Measures())
+        return replace(record, reason="does not fit: 0.9 > 0.5", measures=Measures())
     path = Trajectory(np.cumsum(rng.random(count)), rng.normal(size=(count, 3)), quaternions(rng, count))
     surface = SurfaceStates(rng.normal(size=(30, 3)), rng.integers(0, 5, 30))
-    return replace(made, trajectory=path, is_viewpoint=rng.random(count) < 0.3, surface=surface)
+    return replace(record, trajectory=path, is_viewpoint=rng.random(count) < 0.3, surface=surface)
 
 
 def differences(left: Any, right: Any, path: str = "") -> list[str]:
     """Where two records differ, field by field and bit by bit (NaN equals NaN)."""
     if is_dataclass(left) and is_dataclass(right):
         return [
-            found
+            each
             for item in fields(left)
-            for found in differences(
+            for each in differences(
                 getattr(left, item.name), getattr(right, item.name), f"{path}.{item.name}"
             )
         ]
@@ -130,6 +130,6 @@ def differences(left: Any, right: Any, path: str = "") -> list[str]:
         return [] if alike else [path]
     if isinstance(left, tuple) and isinstance(right, tuple) and len(left) == len(right):
         pairs = enumerate(zip(left, right, strict=True))
-        return [found for at, (one, other) in pairs for found in differences(one, other, f"{path}[{at}]")]
+        return [each for at, (one, other) in pairs for each in differences(one, other, f"{path}[{at}]")]
     both_nan = isinstance(left, float) and isinstance(right, float) and left != left and right != right
     return [] if both_nan or (type(left) is type(right) and left == right) else [path]

@@ -24,7 +24,7 @@ from upplied.fleet import planner
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
+COLUMNS = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
 
 RUN = """
 import json, sys
@@ -47,9 +47,9 @@ def boxes(location: Path) -> Catalog:
     return catalog
 
 
-def kept(catalog: Catalog) -> list[dict]:
+def rows_of(catalog: Catalog) -> list[dict]:
     """What was planned, without where and when."""
-    return catalog.transfers().sort_values("transfer_id")[KEPT].to_dict("records")
+    return catalog.transfers().sort_values("transfer_id")[COLUMNS].to_dict("records")
 
 
 def start_run(
@@ -61,8 +61,8 @@ def start_run(
     presets: Sequence[str] = PRESETS,
 ) -> subprocess.Popen[str]:
     """A run over the fleet in a process of its own."""
-    given = {"engine": engine, "workers": 2, "address": address, "most_lost": 1.0, **(resources or {})}
-    words = [str(catalog.location), json.dumps(list(presets)), json.dumps(given)]
+    values = {"engine": engine, "workers": 2, "address": address, "most_lost": 1.0, **(resources or {})}
+    words = [str(catalog.location), json.dumps(list(presets)), json.dumps(values)]
     return subprocess.Popen(
         [sys.executable, "-c", RUN, *words],
         env=environment | {"PREFECT_LOGGING_LEVEL": "WARNING"},
@@ -143,8 +143,8 @@ def ray_cluster(environment: dict[str, str]) -> Iterator[tuple[str, subprocess.P
         )
     try:
         deadline = time.monotonic() + LONGEST_S
-        while "Ray runtime started" not in (told := (Path(folder) / "ray.log").read_text()):
-            assert head.poll() is None and time.monotonic() < deadline, told
+        while "Ray runtime started" not in (output := (Path(folder) / "ray.log").read_text()):
+            assert head.poll() is None and time.monotonic() < deadline, output
             time.sleep(0.5)
         yield address, head
     finally:

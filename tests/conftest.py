@@ -44,8 +44,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if "upplied.planning.plan" in sys.modules:
         import remembered
 
-        asked = getattr(item, "_fixtureinfo", None)
-        anew = item.get_closest_marker("anew") or (asked and "monkeypatch" in asked.argnames)
+        fixtures = getattr(item, "_fixtureinfo", None)
+        anew = item.get_closest_marker("anew") or (fixtures and "monkeypatch" in fixtures.argnames)
         remembered.share(bool(anew), but_study="planning" in item.path.parts)
 
 

@@ -63,8 +63,8 @@ class FakeCatalog(Catalog):
             self._structures[name] = box_structure(name, (10 + at, 8, 6 + at))
             for preset in ("recommended", "paper", "baseline"):
                 plan = self.planned(name, preset, 95.0 - at - 5 * (preset == "baseline"))
-                said = ("mind the mast",) if (name, preset) == ("cuboid-1", "recommended") else ()
-                self.add(replace(plan, warnings=said))
+                warnings = ("mind the mast",) if (name, preset) == ("cuboid-1", "recommended") else ()
+                self.add(replace(plan, warnings=warnings))
         refused = self.planned("cuboid-0", "recommended", 0.0)
         self._structures["odd"] = box_structure("odd", (3, 3, 40))
         reason = 'registration score 0.9 m² above gamma <img src=x onerror="document.title=1">'

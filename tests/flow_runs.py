@@ -58,8 +58,8 @@ class Session:
             print(json.dumps([code, out.name, err.name]), file=self._process.stdin, flush=True)
             status = self._process.stdout.readline()
             timer.cancel()
-            said = (file.read().decode() for file in (out, err))
-            return subprocess.CompletedProcess(code, int(status or -1), *said)
+            outputs = (file.read().decode() for file in (out, err))
+            return subprocess.CompletedProcess(code, int(status or -1), *outputs)
 
     def close(self) -> None:
         """End it, whatever it still has to tell the server."""

@@ -22,16 +22,21 @@ def box(
     return np.asarray(low) + at * size, (2.0 * end - 1)[:, None] * np.eye(3)[axis]
 
 
-def boxes(*given: BoxOf, number: int = 900, seed: int = 0) -> Cloud:
+def boxes(*shapes: BoxOf, number: int = 900, seed: int = 0) -> Cloud:
     """So many samples of each box, with true areas; each box is a part."""
     rng = np.random.default_rng(seed)
-    made = [box(low, size, number, rng) for low, size in given]
-    points, normals = (np.concatenate(of) for of in zip(*made, strict=True))
-    whole = np.array([2 * (a * b + b * c + c * a) for _, (a, b, c) in given])
-    return Cloud(points, normals, np.repeat(whole / number, number), np.repeat(np.arange(len(given)), number))
+    samples = [box(low, size, number, rng) for low, size in shapes]
+    points, normals = (np.concatenate(of) for of in zip(*samples, strict=True))
+    whole = np.array([2 * (a * b + b * c + c * a) for _, (a, b, c) in shapes])
+    return Cloud(
+        points,
+        normals,
+        np.repeat(whole / number, number),
+        np.repeat(np.arange(len(shapes)), number),
+    )
 
 
 def counterparts(matching: Matching, part: int) -> list[int]:
     """The target parts in the class of a source part; none where it is in no class."""
-    wanted = matching.source_class[part]
-    return np.flatnonzero((matching.target_class == wanted) & (wanted >= 0)).tolist()
+    kind = matching.source_class[part]
+    return np.flatnonzero((matching.target_class == kind) & (kind >= 0)).tolist()

@@ -36,7 +36,7 @@ OPTICAL = Rotation.from_matrix([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # body to
 
 
 @dataclass
-class Made:
+class Log:
     """A log before it is written: poses in the order in which they are recorded."""
 
     structure: Structure
@@ -55,7 +55,7 @@ class Made:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def take(self, index: np.ndarray) -> Made:
+    def take(self, index: np.ndarray) -> Log:
         """The poses of this index."""
         changes = {name: getattr(self, name)[index] for name in ("t_ns", "log_ns", "positions", "quats")}
         for name in ("frames", "children"):
@@ -79,20 +79,20 @@ class Made:
             infos = []
             clocks = (self.log_ns[::10], self.t_ns[::10]) if self.info_ns is None else (self.info_ns,) * 2
             for log, t, f in zip(*clocks, focal[::10], strict=True):
-                told = {"header": header(int(t), ""), "width": 1440, "height": 1440, "distortion_model": ""}
-                told |= {"d": [], "k": [f, 0, 720, 0, f, 720, 0, 0, 1], "r": [0.0] * 9, "p": [0.0] * 12}
-                infos.append((int(log), told))
+                info = {"header": header(int(t), ""), "width": 1440, "height": 1440, "distortion_model": ""}
+                info |= {"d": [], "k": [f, 0, 720, 0, f, 720, 0, 0, 1], "r": [0.0] * 9, "p": [0.0] * 12}
+                infos.append((int(log), info))
             topics.append(Topic("/camera/info", "sensor_msgs/msg/CameraInfo", infos))
         facts = {"structure_id": self.structure.structure_id, "body_frame": "camera"} | self.facts
         return write_log(path, topics, {name: value for name, value in facts.items() if value})
 
 
-def made(structure: Structure, flown: Demonstration, rng: np.random.Generator) -> Made:
+def log_of(structure: Structure, flown: Demonstration, rng: np.random.Generator) -> Log:
     """A right log of a flight, as one of several recorders would write it."""
     every = int(rng.choice([1, 1, 2]))
     t_ns, count = flown.t_ns[::every], len(flown.t_ns[::every])
     log_ns = t_ns + rng.integers(1_000_000, 12_000_000, count)
-    found = Made(
+    log = Log(
         structure,
         t_ns,
         np.maximum.accumulate(log_ns),
@@ -103,8 +103,8 @@ def made(structure: Structure, flown: Demonstration, rng: np.random.Generator) -
         ["base_link"] * count,
     )
     if rng.random() < 0.5:
-        found.hfov_deg = np.full(count, rng.uniform(60, 90))
-    return found
+        log.hfov_deg = np.full(count, rng.uniform(60, 90))
+    return log
 
 
 @cache
@@ -115,14 +115,14 @@ def flights(kind: str, seed: int) -> tuple[Structure, Demonstration]:
     return structure, fly(structure, inspections[seed % len(inspections)], seed=seed)
 
 
-def right(number: int) -> Made:
+def right(number: int) -> Log:
     """The right log of this number: simulated pilots, and circles, facades and arcs by hand."""
     rng = np.random.default_rng([number, 7])
     kinds = sorted(INSPECTIONS)
     if number % 4 < 3:
-        return made(*flights(kinds[number % len(kinds)], number // len(kinds) % 6), rng)
+        return log_of(*flights(kinds[number % len(kinds)], number // len(kinds) % 6), rng)
     structure = random_member(kinds[number // 4 % len(kinds)], number % 4).structure
-    return made(structure, _by_hand(structure, rng), rng)
+    return log_of(structure, _by_hand(structure, rng), rng)
 
 
 def _by_hand(structure: Structure, rng: np.random.Generator) -> Demonstration:
@@ -152,95 +152,95 @@ def _by_hand(structure: Structure, rng: np.random.Generator) -> Demonstration:
 
 # --- what goes wrong -----------------------------------------------------------------------------
 
-Fault = Callable[[Made, np.random.Generator], Made]
+Fault = Callable[[Log, np.random.Generator], Log]
 
 
-def _turned(log: Made, left: Rotation, right: Rotation | None = None) -> Made:
+def _turned(log: Log, left: Rotation, right: Rotation | None = None) -> Log:
     quats = left * Rotation.from_quat(log.quats)
     return replace(
         log, positions=left.apply(log.positions), quats=(quats if right is None else quats * right).as_quat()
     )
 
 
-def ned(log: Made, rng: np.random.Generator) -> Made:
+def ned(log: Log, rng: np.random.Generator) -> Log:
     """North, east, down published as if it were east, north, up."""
-    found = _turned(log, NED_R_ENU, FRD_R_FLU)
+    turned = _turned(log, NED_R_ENU, FRD_R_FLU)
     frame = str(rng.choice(["map", "local_origin_ned", "odom"]))
-    return replace(found, frames=[frame] * len(log))
+    return replace(turned, frames=[frame] * len(log))
 
 
-def w_first(log: Made, rng: np.random.Generator) -> Made:
+def w_first(log: Log, rng: np.random.Generator) -> Log:
     """Quaternions w x y z in the fields x y z w."""
     return replace(log, quats=log.quats[:, [3, 0, 1, 2]])
 
 
-def optical(log: Made, rng: np.random.Generator) -> Made:
+def optical(log: Log, rng: np.random.Generator) -> Log:
     """Poses of the optical frame."""
     return replace(log, quats=(Rotation.from_quat(log.quats) * OPTICAL.inv()).as_quat())
 
 
-def other_mount(log: Made, rng: np.random.Generator) -> Made:
+def other_mount(log: Log, rng: np.random.Generator) -> Log:
     """Poses of a body whose camera looks down, or to a side."""
     turn = Rotation.from_euler("ZY", [rng.choice([0, 90, -90, 180]), rng.choice([45, 90])], degrees=True)
     return replace(log, quats=(Rotation.from_quat(log.quats) * turn.inv()).as_quat())
 
 
-def inverse(log: Made, rng: np.random.Generator) -> Made:
+def inverse(log: Log, rng: np.random.Generator) -> Log:
     """Orientation from the world to the body."""
     return replace(log, quats=Rotation.from_quat(log.quats).inv().as_quat())
 
 
-def swapped(log: Made, rng: np.random.Generator) -> Made:
+def swapped(log: Log, rng: np.random.Generator) -> Log:
     """x and y exchanged."""
     return replace(log, positions=log.positions[:, [1, 0, 2]])
 
 
-def mirrored(log: Made, rng: np.random.Generator) -> Made:
+def mirrored(log: Log, rng: np.random.Generator) -> Log:
     """One horizontal axis of the positions with the wrong sign."""
     return replace(log, positions=log.positions * ([-1, 1, 1] if rng.random() < 0.5 else [1, -1, 1]))
 
 
-def feet(log: Made, rng: np.random.Generator) -> Made:
+def feet(log: Log, rng: np.random.Generator) -> Log:
     """Lengths in feet."""
     return replace(log, positions=log.positions / 0.3048)
 
 
-def millimetres(log: Made, rng: np.random.Generator) -> Made:
+def millimetres(log: Log, rng: np.random.Generator) -> Log:
     """Lengths in millimetres or centimetres."""
     return replace(log, positions=log.positions * rng.choice([1000.0, 100.0]))
 
 
-def yaw_drift(log: Made, rng: np.random.Generator) -> Made:
+def yaw_drift(log: Log, rng: np.random.Generator) -> Log:
     """A heading that drifts away."""
     angle = np.linspace(0, rng.choice([-1, 1]) * np.radians(rng.uniform(60, 120)), len(log))
     turn = Rotation.from_rotvec(np.column_stack([0 * angle, 0 * angle, angle]))
     return replace(log, quats=(turn * Rotation.from_quat(log.quats)).as_quat())
 
 
-def yaw_offset(log: Made, rng: np.random.Generator) -> Made:
+def yaw_offset(log: Log, rng: np.random.Generator) -> Log:
     """A compass that is off."""
     turn = Rotation.from_euler("z", rng.choice([-1, 1]) * rng.uniform(50, 170), degrees=True)
     return replace(log, quats=(turn * Rotation.from_quat(log.quats)).as_quat())
 
 
-def offset(log: Made, rng: np.random.Generator) -> Made:
+def offset(log: Log, rng: np.random.Generator) -> Log:
     """The whole flight beside its structure: it goes through it, or looks past it."""
     size = np.ptp(log.structure.vertices, axis=0)
     away = rng.normal(size=3) * (1, 1, 0.3)
     return replace(log, positions=log.positions + away / np.linalg.norm(away) * max(8.0, 0.25 * size.max()))
 
 
-def datum(log: Made, rng: np.random.Generator) -> Made:
+def datum(log: Log, rng: np.random.Generator) -> Log:
     """Heights above another datum."""
     return replace(log, positions=log.positions + rng.choice([-1, 1]) * rng.uniform(40, 60) * np.eye(3)[2])
 
 
-def y_up(log: Made, rng: np.random.Generator) -> Made:
+def y_up(log: Log, rng: np.random.Generator) -> Log:
     """The world of computer graphics."""
     return _turned(log, Rotation.from_euler("x", -90, degrees=True))
 
 
-def clock_back(log: Made, rng: np.random.Generator) -> Made:
+def clock_back(log: Log, rng: np.random.Generator) -> Log:
     """The clock is set back in flight, with or without that of the recorder."""
     at, back = int(len(log) * rng.uniform(0.3, 0.7)), int(rng.choice([2, 20]) * 1e9)
     t_ns, log_ns = log.t_ns.copy(), log.log_ns.copy()
@@ -248,14 +248,14 @@ def clock_back(log: Made, rng: np.random.Generator) -> Made:
     return replace(log, t_ns=t_ns, log_ns=log_ns)
 
 
-def clock_ahead(log: Made, rng: np.random.Generator) -> Made:
+def clock_ahead(log: Log, rng: np.random.Generator) -> Log:
     """The clock of the sensor is set ahead; the recorder's runs on."""
     t_ns = log.t_ns.copy()
     t_ns[int(len(log) * rng.uniform(0.3, 0.7)) :] += int(rng.uniform(10, 600) * 1e9)
     return replace(log, t_ns=t_ns)
 
 
-def two_vehicles(log: Made, rng: np.random.Generator) -> Made:
+def two_vehicles(log: Log, rng: np.random.Generator) -> Log:
     """Another vehicle on the same topic, in turn, somewhere else."""
     other = log.positions + rng.normal(size=3) * 3 + rng.choice([-1, 1], 3) * 6.0
     both = np.stack([log.positions, np.roll(other, len(log) // 3, axis=0)], axis=1).reshape(-1, 3)
@@ -275,13 +275,13 @@ def two_vehicles(log: Made, rng: np.random.Generator) -> Made:
     )
 
 
-def zoom(log: Made, rng: np.random.Generator) -> Made:
+def zoom(log: Log, rng: np.random.Generator) -> Log:
     """The camera zooms in while it flies."""
     angle = np.where(np.arange(len(log)) < len(log) * rng.uniform(0.3, 0.7), 75.0, rng.uniform(15, 40))
     return replace(log, hfov_deg=angle)
 
 
-def zoom_by_another_clock(log: Made, rng: np.random.Generator) -> Made:
+def zoom_by_another_clock(log: Log, rng: np.random.Generator) -> Log:
     """The camera zooms, and its calibration was written an hour after the flight, by stamps and recorder."""
     zoomed = zoom(log, rng)
     count = len(zoomed.t_ns[::10])
@@ -289,18 +289,18 @@ def zoom_by_another_clock(log: Made, rng: np.random.Generator) -> Made:
     return replace(zoomed, info_ns=later)
 
 
-def unconnected(log: Made, rng: np.random.Generator) -> Made:
+def unconnected(log: Log, rng: np.random.Generator) -> Log:
     """The side-car says map, the poses say odom, and nothing connects them."""
     return replace(log, frames=["odom"] * len(log), facts=log.facts | {"frame_id": "map"})
 
 
-def missing(log: Made, rng: np.random.Generator) -> Made:
+def missing(log: Log, rng: np.random.Generator) -> Log:
     """A third of the messages is not there."""
     pieces = np.sort(rng.choice(np.arange(1, 20), 6, replace=False))
     return log.take(~np.isin(np.arange(len(log)) * 20 // len(log), pieces))
 
 
-def long_gap(log: Made, rng: np.random.Generator) -> Made:
+def long_gap(log: Log, rng: np.random.Generator) -> Log:
     """Two minutes are missing in the middle."""
     at = int(len(log) * rng.uniform(0.3, 0.7))
     t_ns, log_ns = log.t_ns.copy(), log.log_ns.copy()
@@ -309,24 +309,24 @@ def long_gap(log: Made, rng: np.random.Generator) -> Made:
     return replace(log, t_ns=t_ns, log_ns=log_ns)
 
 
-def many_gaps(log: Made, rng: np.random.Generator) -> Made:
+def many_gaps(log: Log, rng: np.random.Generator) -> Log:
     """A gap after every few poses."""
     extra = np.cumsum(np.where(np.arange(len(log)) % 4 == 0, 50, 0)) * 10**9
     return replace(log, t_ns=log.t_ns + extra, log_ns=log.log_ns + extra)
 
 
-def hovering(log: Made, rng: np.random.Generator) -> Made:
+def hovering(log: Log, rng: np.random.Generator) -> Log:
     """Hours on one spot before it goes on."""
     at, count = len(log) // 2, 3600
     still = np.full(count, at)
-    found = log.take(np.concatenate([np.arange(at), still, np.arange(at, len(log))]))
+    hover = log.take(np.concatenate([np.arange(at), still, np.arange(at, len(log))]))
     extra = np.concatenate([np.zeros(at), np.arange(1, count + 1), np.full(len(log) - at, count)])
-    found.positions[at : at + count] += rng.normal(0, 0.03, (count, 3))
+    hover.positions[at : at + count] += rng.normal(0, 0.03, (count, 3))
     extra = (extra * 10**9 * 0.4).astype(np.int64)
-    return replace(found, t_ns=found.t_ns + extra, log_ns=found.log_ns + extra)
+    return replace(hover, t_ns=hover.t_ns + extra, log_ns=hover.log_ns + extra)
 
 
-def too_fast(log: Made, rng: np.random.Generator) -> Made:
+def too_fast(log: Log, rng: np.random.Generator) -> Log:
     """Stamps in a unit that is too short."""
     t_ns = log.t_ns[0] + (log.t_ns - log.t_ns[0]) // 60
     return replace(log, t_ns=t_ns, log_ns=t_ns, facts=log.facts)
@@ -352,4 +352,4 @@ NAMED = {
     "zoom": "zoom",
 }
 
-__all__ = ["FAULTS", "NAMED", "TF", "Made", "flights", "made", "member", "right", "transform"]
+__all__ = ["FAULTS", "NAMED", "TF", "Log", "flights", "log_of", "member", "right", "transform"]

@@ -141,10 +141,10 @@ def message(
     inner = pose(position, quat)
     if schema.endswith(("Odometry", "PoseWithCovarianceStamped")):
         inner = {"pose": inner, "covariance": [0.0] * 36}
-    found: dict[str, Any] = {"header": header(t_ns, frame), "pose": inner}
+    content: dict[str, Any] = {"header": header(t_ns, frame), "pose": inner}
     if schema.endswith("Odometry"):
-        found |= {"child_frame_id": child, "twist": {"covariance": [0.0] * 36}}
-    return found
+        content |= {"child_frame_id": child, "twist": {"covariance": [0.0] * 36}}
+    return content
 
 
 @dataclass
@@ -225,12 +225,12 @@ def px4(flown: Flight, **extra: Any) -> list[tuple[int, dict[str, Any]]]:
     half = np.sqrt(0.5)
     turn = Rotation.from_quat([half, half, 0, 0])
     quats = (turn * Rotation.from_quat(flown.quat_xyzw) * Rotation.from_quat([1, 0, 0, 0])).as_quat()
-    found = []
+    messages = []
     for t, p, q in zip(flown.t_ns, ned, quats, strict=True):
-        told = {"timestamp": int(t) // 1000 + 500, "timestamp_sample": int(t) // 1000}
-        told |= {"q": [q[3], q[0], q[1], q[2]], "position": list(p), "x": p[0], "y": p[1], "z": p[2]}
-        found.append((int(t), told | extra))
-    return found
+        content = {"timestamp": int(t) // 1000 + 500, "timestamp_sample": int(t) // 1000}
+        content |= {"q": [q[3], q[0], q[1], q[2]], "position": list(p), "x": p[0], "y": p[1], "z": p[2]}
+        messages.append((int(t), content | extra))
+    return messages
 
 
 PX4_STAMPS = "uint32 MESSAGE_VERSION = 0\nuint64 timestamp # us\nuint64 timestamp_sample\n"

@@ -15,8 +15,8 @@ PLACE = Placement(47.3977, 8.5456, 488.0, 30.0, "ellipsoid")
 
 def placed_box(placement: Placement | None = PLACE, **around) -> Structure:
     """A box of 12 x 8 x 10 m on the ground, its +X 30 deg east of north."""
-    made = box_structure("box", (12.0, 8.0, 10.0))
-    return replace(made, placement=placement, surroundings=replace(made.surroundings, **around))
+    structure = box_structure("box", (12.0, 8.0, 10.0))
+    return replace(structure, placement=placement, surroundings=replace(structure.surroundings, **around))
 
 
 def rounds(turns: int = 3, count: int = 240, away: float = 6.0, speed: float = 2.0) -> Trajectory:
@@ -43,11 +43,11 @@ def made_plan(path: Trajectory | None = None, every: int = 12, **changes) -> Pla
     path = path or rounds()
     sides = np.random.default_rng(0).uniform(-1, 1, (300, 3)) * [6, 4, 5] + [0, 0, 5]
     sides[:150, 0], sides[150:, 1] = 6.0, 4.0
-    given = {
+    fields = {
         "status": "ok",
         "trajectory": path,
         "is_viewpoint": np.arange(len(path)) % every == 0,
         "measures": Measures(min_clearance_m=6.0),
         "surface": SurfaceStates(sides, np.ones(300, np.int64)),
     } | changes
-    return Plan("demo", "cube", "box", "cube", "recommended", **given)
+    return Plan("demo", "cube", "box", "cube", "recommended", **fields)

@@ -44,11 +44,11 @@ def as_cloud(structure: Structure, number: int = 60_000) -> Structure:
         utility.Vector3dVector(structure.vertices), utility.Vector3iVector(structure.triangles)
     )
     utility.random.seed(1)
-    found = mesh.sample_points_uniformly(number, use_triangle_normal=True)
+    points = mesh.sample_points_uniformly(number, use_triangle_normal=True)
     return replace(
         structure,
-        vertices=np.asarray(found.points),
+        vertices=np.asarray(points.points),
         triangles=np.empty((0, 3), np.int64),
-        normals=np.asarray(found.normals),
+        normals=np.asarray(points.normals),
         surface_error_m=None,
     )

@@ -96,7 +96,7 @@ def topics() -> dict[str, list[Topic]]:
         for t in times
     ]
     gimbal = [(t, {"timestamp": t // 1000, "device_flags": 16, "q": [1.0, 0, 0, 0]}) for t in times]
-    found = {
+    by_name = {
         name: [poses("/pose", f"{package}/msg/{name}", flown)]
         for package, name in (
             ("geometry_msgs", "PoseStamped"),
@@ -104,8 +104,8 @@ def topics() -> dict[str, list[Topic]]:
             ("nav_msgs", "Odometry"),
         )
     }
-    json_stamped = [(t, told | {"timestamp": {"sec": t // 10**9, "nsec": t % 10**9}}) for t, told in stamped]
-    return found | {
+    json_stamped = [(t, body | {"timestamp": {"sec": t // 10**9, "nsec": t % 10**9}}) for t, body in stamped]
+    return by_name | {
         "tf": [
             Topic("/tf", "tf2_msgs/msg/TFMessage", tf),
             Topic("/tf_static", "tf2_msgs/msg/TFMessage", static),
@@ -135,7 +135,7 @@ def topics() -> dict[str, list[Topic]]:
 def seed_inputs(folder: Path) -> dict[str, bytes]:
     """Name to input: a byte for the kind, then the file. Plain and without CRCs, so that a change tells."""
     plain = {"compression": CompressionType.NONE, "enable_crcs": False}
-    found = {
+    inputs = {
         "sidecar": b"S" + SIDECAR.encode(),
         "manifest": b"T" + MANIFEST.encode(),
         "table": b"C" + TABLE.encode(),
@@ -144,7 +144,7 @@ def seed_inputs(folder: Path) -> dict[str, bytes]:
         facts = FACTS | (PLACE if name == "fix" else {})
         if name == "fix":
             del facts["structure_position_m"]
-        found[name] = b"L" + write_log(folder / "seed.mcap", some, facts, **plain).read_bytes()
+        inputs[name] = b"L" + write_log(folder / "seed.mcap", some, facts, **plain).read_bytes()
     some = topics()["PoseStamped"]
     for name, writing in {
         "unchunked": {"use_chunking": False},
@@ -152,6 +152,6 @@ def seed_inputs(folder: Path) -> dict[str, bytes]:
         "zstd": {"compression": CompressionType.ZSTD},
         "lz4": {"compression": CompressionType.LZ4},
     }.items():
-        found[name] = b"L" + write_log(folder / "seed.mcap", some, FACTS, **(plain | writing)).read_bytes()
+        inputs[name] = b"L" + write_log(folder / "seed.mcap", some, FACTS, **(plain | writing)).read_bytes()
     (folder / "seed.mcap").unlink()
-    return found
+    return inputs

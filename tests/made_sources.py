@@ -60,13 +60,13 @@ def _bag1(folder: Path, flight: Flight) -> Written:
             zip(flight.t_ns, flight.positions, flight.quat_xyzw, strict=True)
         ):
             stamp = kinds["builtin_interfaces/msg/Time"](int(t_ns // 10**9), int(t_ns % 10**9))
-            made = kinds[_POSE](
+            pose = kinds[_POSE](
                 kinds["std_msgs/msg/Header"](number, stamp, "map"),
                 kinds["geometry_msgs/msg/Pose"](
                     kinds["geometry_msgs/msg/Point"](*p), kinds["geometry_msgs/msg/Quaternion"](*q)
                 ),
             )
-            bag.write(link, int(t_ns), store.serialize_ros1(made, _POSE))
+            bag.write(link, int(t_ns), store.serialize_ros1(pose, _POSE))
     return folder / "flight.bag", _CAMERA
 
 
@@ -169,11 +169,11 @@ def _tlog(folder: Path, flight: Flight) -> Written:
     for at, t_ns in enumerate(flight.t_ns):
         boot = 9_000 + round(int(t_ns - flight.t_ns[0]) / 1e6)
         place = round(lat[at] * 1e7), round(lon[at] * 1e7), round(alt[at] * 1000)
-        for made in (
+        for packet in (
             link.global_position_int_encode(boot, *place, 0, 0, 0, 0, 0),
             link.attitude_encode(boot, roll[at], pitch[at], yaw[at], 0, 0, 0),
         ):
-            out.append(struct.pack(">Q", int(t_ns) // 1000) + made.pack(link))
+            out.append(struct.pack(">Q", int(t_ns) // 1000) + packet.pack(link))
     (folder / "flight.tlog").write_bytes(b"".join(out))
     return folder / "flight.tlog", PLACE | {"geoid_undulation_m": 0.0}
 
@@ -185,13 +185,13 @@ def photos(folder: Path, flight: Flight, relative_yaw: bool = False, **fixed: st
     for at, (yaw, pitch, roll) in enumerate(angles(flight)):
         gimbal = 0.0 if relative_yaw else yaw
         flown = yaw if relative_yaw else yaw + 3
-        said = {
+        values = {
             "GpsLatitude": f"{lat[at]:.9f}", "GpsLongitude": f"{lon[at]:.9f}",
             "AbsoluteAltitude": f"{alt[at] + 40:+.2f}", "RelativeAltitude": f"{alt[at] - TAKEOFF_M:+.2f}",
             "GimbalYawDegree": f"{gimbal:+.2f}", "GimbalPitchDegree": f"{pitch:+.2f}",
             "GimbalRollDegree": f"{roll:+.2f}", "FlightYawDegree": f"{flown:+.2f}", **fixed,
         }  # fmt: skip
-        attributes = " ".join(f'drone-dji:{name}="{value}"' for name, value in said.items())
+        attributes = " ".join(f'drone-dji:{name}="{value}"' for name, value in values.items())
         xmp = (
             '<x:xmpmeta xmlns:x="adobe:ns:meta/">'
             '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
@@ -278,9 +278,9 @@ def _colmap_binary(folder: Path, flight: Flight) -> Written:
 
 
 def _matrices(flight: Flight) -> np.ndarray:
-    found = np.tile(np.eye(4), (len(flight.t_ns), 1, 1))
-    found[:, :3, :3], found[:, :3, 3] = _optical(flight).as_matrix(), flight.positions
-    return found
+    matrices = np.tile(np.eye(4), (len(flight.t_ns), 1, 1))
+    matrices[:, :3, :3], matrices[:, :3, 3] = _optical(flight).as_matrix(), flight.positions
+    return matrices
 
 
 def _nerfstudio(folder: Path, flight: Flight) -> Written:

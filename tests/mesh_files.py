@@ -36,12 +36,12 @@ def write(vertices: Floats, triangles: Ints, suffix: str) -> bytes:
     if suffix == "gltf":
         return embedded(trimesh.Scene(mesh))
     if suffix == "ply_ascii":
-        made = mesh.export(file_type="ply", encoding="ascii")
+        content = mesh.export(file_type="ply", encoding="ascii")
     elif suffix in ("glb", "3mf"):
-        made = trimesh.Scene(mesh).export(file_type=suffix)
+        content = trimesh.Scene(mesh).export(file_type=suffix)
     else:
-        made = mesh.export(file_type=suffix)
-    return made if isinstance(made, bytes) else made.encode()
+        content = mesh.export(file_type=suffix)
+    return content if isinstance(content, bytes) else content.encode()
 
 
 def embedded(scene: trimesh.Scene) -> bytes:

@@ -66,24 +66,24 @@ def faults(tree: ast.Module) -> Iterator[tuple[ast.AST, str]]:
 
 def _silent(node: ast.AST) -> list[ast.AST]:
     """What of a node says nothing to the machine: annotations, documentation, decorators, messages."""
-    found: list[ast.AST] = []
+    nodes: list[ast.AST] = []
     if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
-        found += [line for line in node.body[:1] if isinstance(line, ast.Expr) and _is_text(line.value)]
+        nodes += [line for line in node.body[:1] if isinstance(line, ast.Expr) and _is_text(line.value)]
     if isinstance(node, ast.FunctionDef):
         arguments = [*node.args.args, *node.args.kwonlyargs, *node.args.posonlyargs]
-        found += [*node.decorator_list, *([node.returns] if node.returns else [])]
-        found += [argument.annotation for argument in arguments if argument.annotation]
+        nodes += [*node.decorator_list, *([node.returns] if node.returns else [])]
+        nodes += [argument.annotation for argument in arguments if argument.annotation]
         if node.name in ("__repr__", "__str__"):
-            found.append(node)
+            nodes.append(node)
     if isinstance(node, ast.ClassDef):
-        found += node.decorator_list
+        nodes += node.decorator_list
     if isinstance(node, ast.AnnAssign):
-        found.append(node.annotation)
+        nodes.append(node.annotation)
     if isinstance(node, ast.JoinedStr | ast.Import | ast.ImportFrom):
-        found.append(node)
+        nodes.append(node)
     if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-        found.append(node)
-    return found
+        nodes.append(node)
+    return nodes
 
 
 def _is_text(node: ast.AST) -> bool:

@@ -55,15 +55,15 @@ class FirstFailure:
         self.pytest_runtest_logreport(report)
 
 
-def _judge(root: Path, asked: list[str], limit_s: int, place: Path) -> None:
+def _judge(root: Path, names: list[str], limit_s: int, place: Path) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
-    os._exit(min(run_tests(root, ["-x", *asked], [FirstFailure(place)]), 1))
+    os._exit(min(run_tests(root, ["-x", *names], [FirstFailure(place)]), 1))
 
 
-def within_budget(asked: list[tuple[str, float]], first: str) -> tuple[list[str], float]:
+def within_budget(tests: list[tuple[str, float]], first: str) -> tuple[list[str], float]:
     """The first of the tests that keep to the budget, at least one, and their seconds; `first` leads."""
     names, seconds, files = [], 0.0, set[str]()
-    for name, lasts in sorted(asked, key=lambda each: each[0] != first):
+    for name, lasts in sorted(tests, key=lambda each: each[0] != first):
         file = name.split("::")[0]
         costs = lasts + LOADED_S * (file not in files)
         if not names or seconds + costs <= BUDGET_S:
@@ -73,16 +73,16 @@ def within_budget(asked: list[tuple[str, float]], first: str) -> tuple[list[str]
     return names, seconds
 
 
-def killed_by(mutant: Mutant, asked: list[str], seconds: float, root: Path) -> str:
+def killed_by(mutant: Mutant, names: list[str], seconds: float, root: Path) -> str:
     """The first test that fails on the mutant, or the time limit if it hangs; nothing if it survives."""
-    place, told = root / mutant.path, root / "failed.txt"
+    place, file = root / mutant.path, root / "failed.txt"
     sound, times = place.read_text(encoding="utf-8"), place.stat()
-    told.unlink(missing_ok=True)
+    file.unlink(missing_ok=True)
     place.write_text(mutant.source, encoding="utf-8")
     try:
         compiled = _forget_compiled(place, root)
         limit_s = int(3 * seconds + SLACK_S + COMPILED_S * compiled)
-        process = CONTEXT.Process(target=_judge, args=(root, asked, limit_s, told))
+        process = CONTEXT.Process(target=_judge, args=(root, names, limit_s, file))
         process.start()
         process.join(WAITS * limit_s)
         if process.is_alive():
@@ -91,7 +91,7 @@ def killed_by(mutant: Mutant, asked: list[str], seconds: float, root: Path) -> s
             return TIMEOUT
         if process.exitcode == 0:
             return ""
-        return told.read_text(encoding="utf-8") if told.exists() else TIMEOUT
+        return file.read_text(encoding="utf-8") if file.exists() else TIMEOUT
     finally:
         place.write_text(sound, encoding="utf-8")
         os.utime(place, ns=(times.st_atime_ns, times.st_mtime_ns))  # what was compiled of it holds again
@@ -130,22 +130,22 @@ class Verdicts:
         self._known = json.loads(VERDICTS.read_text(encoding="utf-8")) if VERDICTS.exists() else {}
         self._sources = digest(root, *sorted((root / "upplied").rglob("*.py")))
 
-    def known(self, mutant: Mutant, asked: list[str]) -> tuple[str | None, str]:
+    def known(self, mutant: Mutant, names: list[str]) -> tuple[str | None, str]:
         """The verdict if it still holds, else None; and what killed the mutant when it was judged last."""
         of = self._known.get(_key(mutant))
         if of is None:
             return None, ""
-        holds = of["of"] == self._of(asked, of["by"])
+        holds = of["of"] == self._of(names, of["by"])
         return of["by"] if holds else None, of["by"]
 
-    def keep(self, mutant: Mutant, asked: list[str], by: str) -> None:
-        self._known[_key(mutant)] = {"mutant": str(mutant), "by": by, "of": self._of(asked, by)}
+    def keep(self, mutant: Mutant, names: list[str], by: str) -> None:
+        self._known[_key(mutant)] = {"mutant": str(mutant), "by": by, "of": self._of(names, by)}
         VERDICTS.parent.mkdir(parents=True, exist_ok=True)
         VERDICTS.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
 
-    def _of(self, asked: list[str], by: str) -> str:
+    def _of(self, choice: list[str], by: str) -> str:
         """The digest of what a verdict rests on: one test if it failed, else all that were asked."""
-        names = [by] if "::" in by else asked
+        names = [by] if "::" in by else choice
         files = {self._root / name.split("::")[0] for name in names}
         tests = sorted({path for file in files if file.exists() for path in of_tests(self._root, file)})
         return hashlib.sha256(
@@ -163,29 +163,31 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="*", default=ROOMS, help="rooms or modules, asked by their own tests")
     parser.add_argument("--hours", type=float, default=24.0, help="after which no further mutant is judged")
-    given = parser.parse_args()
-    mutants, begin = sample(given.number, given.seed, tuple(given.only)), time.monotonic()
+    options = parser.parse_args()
+    mutants, begin = sample(options.number, options.seed, tuple(options.only)), time.monotonic()
     root = _copied()
-    files, verdicts = traced(root, tuple(given.only), CONTEXT), Verdicts(root)
+    files, verdicts = traced(root, tuple(options.only), CONTEXT), Verdicts(root)
     asks = [tests_for(mutant, files, root) for mutant in mutants]
     judged, survivors, late = 0, [], 0
     for number, (mutant, could) in enumerate(zip(mutants, asks, strict=True)):
         by, before = verdicts.known(mutant, within_budget(could, "")[0])
-        asked, seconds = within_budget(could, before)
-        if by is None and time.monotonic() - begin > 3600 * given.hours:
+        names, seconds = within_budget(could, before)
+        if by is None and time.monotonic() - begin > 3600 * options.hours:
             break
         judged += 1
         start = time.monotonic()
         if by is None:
-            by = killed_by(mutant, asked, seconds, root) if asked else ""
+            by = killed_by(mutant, names, seconds, root) if names else ""
             verdicts.keep(mutant, within_budget(could, "")[0], by)
         late += by == TIMEOUT
-        said = f"killed by {by}" if by else f"SURVIVED {len(asked)} of {len(could)} tests"
+        outcome = f"killed by {by}" if by else f"SURVIVED {len(names)} of {len(could)} tests"
         if not by:
-            survivors.append(f"{mutant} ({len(asked)} of {len(could)} tests)")
-        print(f"{number:4d} {mutant} {said} in {time.monotonic() - start:.0f} s", flush=True)
+            survivors.append(f"{mutant} ({len(names)} of {len(could)} tests)")
+        print(f"{number:4d} {mutant} {outcome} in {time.monotonic() - start:.0f} s", flush=True)
     killed = judged - len(survivors)
-    print(f"\n{killed} of {judged} mutants killed: {100 * killed / max(judged, 1):.0f} % (seed {given.seed})")
+    print(
+        f"\n{killed} of {judged} mutants killed: {100 * killed / max(judged, 1):.0f} % (seed {options.seed})"
+    )
     print(f"of them {late} by {TIMEOUT}")
     for survivor in survivors:
         print(f"survived: {survivor}")

@@ -69,8 +69,8 @@ def clearance(structure: Structure, trajectory: Trajectory) -> float:
     nearer than the nearest found and half a step. There the path is asked again, finely.
     """
     along, surface = sampled(trajectory.positions), (structure.vertices, structure.triangles)
-    found = distance_to_triangles(along, *surface)
-    near = np.flatnonzero(found <= found.min() + SAMPLED_M / 2)
+    distance = distance_to_triangles(along, *surface)
+    near = np.flatnonzero(distance <= distance.min() + SAMPLED_M / 2)
     share = np.linspace(-0.5, 0.5, int(SAMPLED_M / _FINE_M) + 1)[:, None, None]
     before, after = along[np.maximum(near - 1, 0)], along[np.minimum(near + 1, len(along) - 1)]
     fine = (
@@ -78,7 +78,7 @@ def clearance(structure: Structure, trajectory: Trajectory) -> float:
         + np.maximum(share, 0) * (after - along[near])
         + np.minimum(share, 0) * (along[near] - before)
     )
-    return float(min(found.min(), distance_to_triangles(fine.reshape(-1, 3), *surface).min()))
+    return float(min(distance.min(), distance_to_triangles(fine.reshape(-1, 3), *surface).min()))
 
 
 def rates(trajectory: Trajectory) -> dict[str, float]:
@@ -121,11 +121,11 @@ def broken_rules(structure: Structure, trajectory: Trajectory, settings: Setting
         excess[f"keep-out {number}"] = float(np.minimum(along - low, high - along).min(axis=1).max()) - 1e-6
     if len(around.geofence_m):
         excess["fence"] = float((~inside_polygon(around.geofence_m, along[:, :2])).sum())
-    for name, found in rates(trajectory).items():
+    for name, rate in rates(trajectory).items():
         most = 0.01 if name == "roll_deg" else getattr(limits, name)
         if name == "min_gimbal_pitch_deg":
             most = -most
-        excess[name] = found - most * (1 + 1e-6) - 1e-5
+        excess[name] = rate - most * (1 + 1e-6) - 1e-5
     if not (np.diff(trajectory.t_s) > 0).all() or not np.isfinite(trajectory.positions).all():
         excess["times"] = 1.0
     return {name: by for name, by in excess.items() if by > 0}
@@ -149,17 +149,17 @@ def seen_along(
         inside &= np.abs(np.degrees(np.arctan2(z, x))) <= up / 2
         inside &= (far >= camera.min_range_m) & (far <= camera.max_range_m)
         inside &= -(ray * normals).sum(axis=1) >= np.cos(np.radians(75.0)) * far
-        asked = np.flatnonzero(inside & ~seen)
+        index = np.flatnonzero(inside & ~seen)
         to, aside = place - first, np.cross(place - first, edges[0])
         normal = np.cross(edges[0], edges[1])
         turned = np.cross(to, edges[1])
         with np.errstate(
             divide="ignore", invalid="ignore"
         ):  # Moeller and Trumbore, all rays by all triangles
-            slope = -ray[asked] @ normal.T
-            u = -(ray[asked] @ turned.T) / slope
-            v = (ray[asked] @ aside.T) / slope
+            slope = -ray[index] @ normal.T
+            u = -(ray[index] @ turned.T) / slope
+            v = (ray[index] @ aside.T) / slope
             share = (edges[1] * aside).sum(axis=1) / slope
             blocked = (u >= 0) & (v >= 0) & (u + v <= 1) & (share > 1e-6) & (share < 0.998)
-        seen[asked[~blocked.any(axis=1)]] = True
+        seen[index[~blocked.any(axis=1)]] = True
     return seen

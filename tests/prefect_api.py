@@ -17,18 +17,18 @@ CLIENT = "tests"
 
 def headers(password: str = "", origin: str = "", host: str = "") -> dict[str, str]:
     """What a request says of itself."""
-    said = {"Content-Type": "application/json"}
+    content = {"Content-Type": "application/json"}
     if password:
-        said["Authorization"] = "Basic " + base64.b64encode(password.encode()).decode()
-    return said | ({"Origin": origin} if origin else {}) | ({"Host": host} if host else {})
+        content["Authorization"] = "Basic " + base64.b64encode(password.encode()).decode()
+    return content | ({"Origin": origin} if origin else {}) | ({"Host": host} if host else {})
 
 
 def send(
-    method: str, url: str, body: Any = None, said: Mapping[str, str] | None = None
+    method: str, url: str, body: Any = None, own: Mapping[str, str] | None = None
 ) -> tuple[int, dict[str, str], bytes]:
     """Status, headers and body of the answer, be it a refusal."""
     content = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(url, content, dict(said or headers()), method=method)
+    request = urllib.request.Request(url, content, dict(own or headers()), method=method)
     try:
         with urllib.request.urlopen(request, timeout=120) as answer:
             return answer.status, {k.lower(): v for k, v in answer.headers.items()}, answer.read()
@@ -38,10 +38,10 @@ def send(
 
 def token(api_url: str, password: str) -> dict[str, str]:
     """The headers of somebody who has signed in and may change something."""
-    said = headers(password)
-    status, _, content = send("GET", f"{api_url}/csrf-token?client={CLIENT}", said=said)
+    own = headers(password)
+    status, _, content = send("GET", f"{api_url}/csrf-token?client={CLIENT}", own=own)
     assert status == 200, content
-    return said | {"Prefect-Csrf-Token": json.loads(content)["token"], "Prefect-Csrf-Client": CLIENT}
+    return own | {"Prefect-Csrf-Token": json.loads(content)["token"], "Prefect-Csrf-Client": CLIENT}
 
 
 def ask(api_url: str, path: str, body: Any, password: str) -> Any:

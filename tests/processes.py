@@ -19,7 +19,7 @@ def children(pid: int) -> list[int]:
 
 def descendants(pid: int) -> list[int]:
     """Children, their children, and so on; the youngest first."""
-    return [found for child in children(pid) for found in (*descendants(child), child)]
+    return [pid for child in children(pid) for pid in (*descendants(child), child)]
 
 
 def command(pid: int) -> str:
@@ -47,19 +47,19 @@ def cut_the_power(pid: int) -> None:
 
 def at_work_in(place: Path) -> list[int]:
     """Processes whose working folder this is."""
-    found = []
+    pids = []
     for folder in Path("/proc").iterdir():
         with suppress(FileNotFoundError, PermissionError, ProcessLookupError):
             if folder.name.isdigit() and (folder / "cwd").readlink() == place:
-                found.append(int(folder.name))
-    return found
+                pids.append(int(folder.name))
+    return pids
 
 
 def with_variable(name: str, value: str) -> list[int]:
     """Processes that were started with this variable in their environment, and have not ended."""
-    wanted, found = f"{name}={value}".encode(), []
+    variable, pids = f"{name}={value}".encode(), []
     for folder in Path("/proc").iterdir():
         with suppress(FileNotFoundError, PermissionError, ProcessLookupError):
-            if folder.name.isdigit() and wanted in (folder / "environ").read_bytes().split(b"\0"):
-                found.append(int(folder.name))
-    return [pid for pid in found if not ended(pid)]
+            if folder.name.isdigit() and variable in (folder / "environ").read_bytes().split(b"\0"):
+                pids.append(int(folder.name))
+    return [pid for pid in pids if not ended(pid)]

@@ -25,9 +25,9 @@ from upplied.planning import plan as planning
 from upplied.planning.correspondence import pair
 from upplied.planning.correspondence.memo import no_memo
 
-KEPT = 400  # stages, plans, pairs and pictures at once
+MOST = 400  # stages, plans, pairs and pictures at once
 
-_made = planning._planned
+_plan = planning._planned
 _store: OrderedDict[tuple[str, str], Any] = OrderedDict()
 _functions: dict[tuple[str, str], Callable[..., Any]] = {}
 _PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 3))
@@ -42,7 +42,7 @@ def once(stage: str, record_type: type, key: str, compute: Callable[[], Any]) ->
     """The memo."""
     if (stage, key) not in _store:
         _store[stage, key] = compute()
-        if len(_store) > KEPT:
+        if len(_store) > MOST:
             _store.popitem(last=False)
     _store.move_to_end((stage, key))
     return _store[stage, key]
@@ -62,15 +62,15 @@ def study_pair(source, target, settings):
 def planned(demonstration, source, target, settings, memo, required, siblings):
     """A plan in the frames of its structures, as `plan_transfer` asks for it."""
     if memo is not no_memo:  # the test brings its own
-        return _made(demonstration, source, target, settings, memo, required, siblings)
-    given, more = (*map(named, (demonstration, source, target)), settings), (required, tuple(siblings))
-    return once("plan", object, content(*given, *more), lambda: _made(*given, once, *more))
+        return _plan(demonstration, source, target, settings, memo, required, siblings)
+    inputs, more = (*map(named, (demonstration, source, target)), settings), (required, tuple(siblings))
+    return once("plan", object, content(*inputs, *more), lambda: _plan(*inputs, once, *more))
 
 
-def photographed(name: str, plan: Any, scene: Scene, *given: Any) -> str:
+def photographed(name: str, plan: Any, scene: Scene, *rest: Any) -> str:
     """Key of where photos are taken; scenes are compared by their box and 300 distances."""
     shape = (scene.box, scene.distance(scene.origin + _PROBES * np.ptp(scene.box, axis=0)))
-    return content(name, plan, shape, *given)
+    return content(name, plan, shape, *rest)
 
 
 #: What tests of all rooms share: a function of a module, and the key of its inputs.
@@ -93,15 +93,15 @@ def share(anew: bool, but_study: bool) -> None:
 
 def _replace(place: str, name: str, anew: bool, sharing: Callable[..., Any]) -> None:
     if module := sys.modules.get(place):
-        found = _functions.setdefault((place, name), getattr(module, name))
-        setattr(module, name, found if anew else partial(sharing, found))
+        original = _functions.setdefault((place, name), getattr(module, name))
+        setattr(module, name, original if anew else partial(sharing, original))
 
 
-def _shared(name: str, key_of: Callable[..., str], found: Callable[..., Any], *given: Any) -> Any:
-    return once(name, object, key_of(*given), partial(found, *given))
+def _shared(name: str, key_of: Callable[..., str], function: Callable[..., Any], *arguments: Any) -> Any:
+    return once(name, object, key_of(*arguments), partial(function, *arguments))
 
 
-def _studied(found: Callable[..., Any], source, target, settings, memo=no_memo, siblings=()) -> Any:
+def _studied(function: Callable[..., Any], source, target, settings, memo=no_memo, siblings=()) -> Any:
     """A pair; the memo is asked for all that it is asked for where the pair is studied anew."""
     calls: list[tuple[str, type, str, Any]] = []
 
@@ -110,9 +110,9 @@ def _studied(found: Callable[..., Any], source, target, settings, memo=no_memo, 
         return calls[-1][3]
 
     key = content(source, target, settings, tuple(siblings))
-    studied, asked = once(
-        "study", object, key, lambda: (found(source, target, settings, noted, siblings), calls)
+    studied, records = once(
+        "study", object, key, lambda: (function(source, target, settings, noted, siblings), calls)
     )
-    for stage, record_type, name, record in asked if asked is not calls else ():
+    for stage, record_type, name, record in records if records is not calls else ():
         memo(stage, record_type, name, lambda record=record: record)
     return studied

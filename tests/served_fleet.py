@@ -40,7 +40,7 @@ class Run:
     run_id: str
     flow: str
     state: str
-    said: str
+    message: str
     due: float
     began: float
     ended: float
@@ -55,8 +55,8 @@ class Service:
         text, nights = re.subn(r"30 2 \* \* \*", cron, text)
         changed = {} if published else {"reports": ""}  # pages cost more than plans
         changed |= {"presets": list(presets)} if presets else {}
-        text, given = re.subn("# parameters: .*", f"parameters: {json.dumps(changed)}", text)
-        assert given == 1
+        text, number = re.subn("# parameters: .*", f"parameters: {json.dumps(changed)}", text)
+        assert number == 1
         assert nights == 1
         (place / "prefect.yaml").write_text(text)
         self.catalog: Catalog = open_catalog(place / "catalog")
@@ -186,8 +186,8 @@ def finished(served: Service, flow: str, state: str = "COMPLETED") -> int:
 
 
 def run_now(served: Service) -> None:
-    done = served.python("-m", "prefect", "deployment", "run", "transfer-fleet/transfer-fleet")
-    assert done.returncode == 0, done.stdout + done.stderr
+    process = served.python("-m", "prefect", "deployment", "run", "transfer-fleet/transfer-fleet")
+    assert process.returncode == 0, process.stdout + process.stderr
 
 
 def state_of(served: Service, run: Run) -> str:

@@ -69,9 +69,9 @@ def test_exif_names_a_camera_by_its_model_and_lens() -> None:
 
 def test_what_was_measured_counts_before_the_list() -> None:
     known = known_camera("dji-phantom-4-rtk")
-    found = completed(Camera(hfov_deg=60.0, width_px=1000, trigger_s=5.0), known)
-    assert (found.hfov_deg, found.width_px, found.trigger_s) == (60.0, 1000, 5.0)
-    assert (found.model, found.focus_m, found.f_number) == ("dji-phantom-4-rtk", 1.0, 2.8)
+    camera = completed(Camera(hfov_deg=60.0, width_px=1000, trigger_s=5.0), known)
+    assert (camera.hfov_deg, camera.width_px, camera.trigger_s) == (60.0, 1000, 5.0)
+    assert (camera.model, camera.focus_m, camera.f_number) == ("dji-phantom-4-rtk", 1.0, 2.8)
 
 
 def test_the_interval_says_where_it_is_known_from() -> None:

@@ -106,16 +106,16 @@ def imports(path: Path) -> tuple[str, ...]:
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
         for inner in ast.walk(node)
     }
-    found: list[str] = []
+    modules: list[str] = []
     for node in ast.walk(tree):
         if id(node) in unseen:
             continue
         if isinstance(node, ast.Import):
-            found += (alias.name for alias in node.names)
+            modules += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: imports are absolute"
-            found += (f"{node.module}.{alias.name}" for alias in node.names)
-    return tuple(found)
+            modules += (f"{node.module}.{alias.name}" for alias in node.names)
+    return tuple(modules)
 
 
 def named(path: Path) -> str:
@@ -270,8 +270,8 @@ def test_every_room_has_its_rule():
 )
 def test_what_an_import_must_not_load(statement: str, unwanted: tuple[str, ...]):
     code = f"{statement}; import sys; print([name for name in {unwanted} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"
 
 
 def test_a_catalog_is_built_from_its_schema_up() -> None:

@@ -22,8 +22,8 @@ print(json.dumps([used, blas, codegen._get_host_cpu_name()]))
 
 def test_numpy_its_linear_algebra_and_numba_compute_plainly() -> None:
     command = [sys.executable, str(Path(__file__).with_name("plainly.py")), "-c", PROBE]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    used, blas, numba_cpu = json.loads(done.stdout)
+    process = subprocess.run(command, capture_output=True, text=True, check=True)
+    used, blas, numba_cpu = json.loads(process.stdout)
     assert used == [], "numpy still chooses instructions of this processor"
     assert set(blas) <= {"Prescott", "Katmai", "ARMV8"}  # the plainest that it was built with
     assert numba_cpu == "generic"

@@ -50,16 +50,16 @@ def test_every_source_of_planning_counts(monkeypatch, tmp_path):
     for name in ("planning/deep/a.py", "records/b.py", "geometry/c.py"):
         (tmp_path / name).write_text("x = 1\n")
     monkeypatch.setattr(provenance, "_PACKAGE", tmp_path)
-    found = provenance.sources_sha256.__wrapped__
-    first = found()
+    sha256 = provenance.sources_sha256.__wrapped__
+    first = sha256()
     (tmp_path / "planning" / "deep" / "a.py").write_bytes(b"x = 1\r\n")
-    assert found() == first  # as another system writes its lines
+    assert sha256() == first  # as another system writes its lines
     seen = {first}
     for path in sorted(tmp_path.rglob("*.py")):
         path.write_text("x = 2\n")
-        seen.add(found())
+        seen.add(sha256())
     (tmp_path / "planning" / "b.py").write_text("")
-    seen.add(found())
+    seen.add(sha256())
     assert len(seen) == 7
 
 

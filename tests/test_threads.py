@@ -27,14 +27,14 @@ def two_threads():
 @pytest.mark.ci
 def test_a_plan_computes_with_one_thread(two_threads):
     (cube,) = [one for one in sample_structures() if one.structure_id == "cube-v1"]
-    found = []
+    numbers = []
 
     def memo(stage, record_type, key, compute):
-        found.append(blas_threads())
+        numbers.append(blas_threads())
         return compute()
 
     plan_transfer(fly(cube, "sides"), cube, cube, settings_for("baseline"), memo)
-    assert found and all(threads == {1} for threads in found)
+    assert numbers and all(threads == {1} for threads in numbers)
     assert blas_threads() == {2}
 
 

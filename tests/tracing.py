@@ -20,7 +20,7 @@ from coverage import Coverage
 from mutants import ROOMS, ROOT, Mutant
 
 HANGS_S = 900  # after which a file of tests is given up that is being traced
-KEPT = ROOT / ".cache" / "mutate" / "traced.json"
+TRACES = ROOT / ".cache" / "mutate" / "traced.json"
 
 Lines = dict[str, dict[str, list[str]]]  # of a module, of a line: who runs it
 
@@ -64,7 +64,7 @@ class Tracer:
         }
 
 
-def run_tests(root: Path, asked: list[str], plugins: list[object]) -> int:
+def run_tests(root: Path, tests: list[str], plugins: list[object]) -> int:
     """In a process of its own: the tests on a copy of the project."""
     import pytest
 
@@ -78,7 +78,7 @@ def run_tests(root: Path, asked: list[str], plugins: list[object]) -> int:
     os.dup2(silent, 2)
     options = ["-q", "-m", "not slow or ci", "-p", "no:cacheprovider"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # of what is loaded already
-    return int(pytest.main([*options, *asked], plugins=plugins))
+    return int(pytest.main([*options, *tests], plugins=plugins))
 
 
 def _trace(root: Path, file: str, result: Path) -> None:
@@ -88,25 +88,25 @@ def _trace(root: Path, file: str, result: Path) -> None:
     ours = str(root / "upplied") + os.sep
     places = {Path(at) for at in (getattr(each, "__file__", None) for each in sys.modules.values()) if at}
     loaded = sorted(str(place.relative_to(root)) for place in places if str(place).startswith(ours))
-    found = {"seconds": sound, "failed": tracer.failed, "lines": tracer.lines(), "loaded": loaded}
-    result.write_text(json.dumps(found), encoding="utf-8")
+    traces = {"seconds": sound, "failed": tracer.failed, "lines": tracer.lines(), "loaded": loaded}
+    result.write_text(json.dumps(traces), encoding="utf-8")
 
 
 def traced(root: Path, rooms: tuple[str, ...], context: BaseContext) -> dict[str, Any]:
     """Who runs which line, of every test file; kept until the file or a module that it loads changes."""
-    found = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
+    traces = json.loads(TRACES.read_text(encoding="utf-8")) if TRACES.exists() else {}
     folders = {tests_of(root, Path(room)) for room in rooms}
     places = {path for folder in folders for path in folder.rglob("test_*.py")}
     modules = {path.stem for room in rooms for path in root.glob(f"{room.removesuffix('.py')}*/**/*.py")}
     for path in (root / "tests").rglob("test_*.py"):  # those of a module may lie with what asks it
         if path.stem.removeprefix("test_") in modules:
             places.add(path)
-    asked: dict[str, Any] = {}
+    chosen: dict[str, Any] = {}
     for path in sorted(places):
         file = str(path.relative_to(root))
-        before = found.get(file, {"loaded": [], "digest": ""})
+        before = traces.get(file, {"loaded": [], "digest": ""})
         if before["digest"] == _of_run(root, path, before["loaded"]):
-            asked[file] = before
+            chosen[file] = before
             continue
         begin, result = time.monotonic(), root / "traced.json"
         result.unlink(missing_ok=True)
@@ -124,12 +124,12 @@ def traced(root: Path, rooms: tuple[str, ...], context: BaseContext) -> dict[str
             }
         else:
             now = json.loads(result.read_text(encoding="utf-8"))
-        found[file] = asked[file] = now | {"digest": _of_run(root, path, now["loaded"])}
+        traces[file] = chosen[file] = now | {"digest": _of_run(root, path, now["loaded"])}
         failed = "".join(f"; fails on sound code, and is not asked: {name}" for name in now["failed"])
         print(f"traced {file} in {time.monotonic() - begin:.0f} s{failed}", flush=True)
-        KEPT.parent.mkdir(parents=True, exist_ok=True)
-        KEPT.write_text(json.dumps(found), encoding="utf-8")
-    return asked
+        TRACES.parent.mkdir(parents=True, exist_ok=True)
+        TRACES.write_text(json.dumps(traces), encoding="utf-8")
+    return chosen
 
 
 def _of_run(root: Path, path: Path, loaded: list[str]) -> str:
@@ -162,7 +162,7 @@ def tests_for(mutant: Mutant, files: dict[str, Any], root: Path) -> list[tuple[s
     """The tests that run a mutant's lines, and their seconds: of its module first, then of its room."""
     room = f"{tests_of(root, mutant.path.parent).relative_to(root)}/"
     module = f"{room}test_{mutant.path.stem}.py"
-    asked: dict[str, float] = {}
+    tests: dict[str, float] = {}
     loading: set[str] = set()  # asked last: they load the module, and run none of its lines in sight
     for file, of in files.items():
         run, seconds = of["lines"].get(str(mutant.path), {}), of["seconds"]
@@ -170,13 +170,13 @@ def tests_for(mutant: Mutant, files: dict[str, Any], root: Path) -> list[tuple[s
         for line, names in run.items():
             if not mutant.traced or int(line) in mutant.lines:
                 who.update(names)
-        asked |= seconds if file in who else {name: seconds[name] for name in who & seconds.keys()}
+        tests |= seconds if file in who else {name: seconds[name] for name in who & seconds.keys()}
         if not mutant.traced and str(mutant.path) in of["loaded"]:
-            loading |= seconds.keys() - asked.keys()
-            asked |= seconds
+            loading |= seconds.keys() - tests.keys()
+            tests |= seconds
 
     def order(each: tuple[str, float]) -> tuple[bool, bool, bool, float]:
         name, lasts = each
         return name in loading, not name.startswith(module), not name.startswith(room), lasts
 
-    return sorted(asked.items(), key=order)
+    return sorted(tests.items(), key=order)

@@ -24,8 +24,8 @@ KEY = hashlib.sha256(b"plan").hexdigest()
 
 def catalog_with_plan(folder: Path) -> Catalog:
     """A new catalog in a folder, with the cube, its demonstration and a plan."""
-    made = open_catalog(folder / "catalog")
-    made.add_structures([CUBE])
-    made.add_demonstrations([FLOWN])
-    made.add_plans([(KEY, PLAN, {})])
-    return made
+    catalog = open_catalog(folder / "catalog")
+    catalog.add_structures([CUBE])
+    catalog.add_demonstrations([FLOWN])
+    catalog.add_plans([(KEY, PLAN, {})])
+    return catalog

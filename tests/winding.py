@@ -27,13 +27,13 @@ def turning_deg_per_m(positions: Floats, spacing_m: float) -> float:
 
 def _by_chords(positions: Floats, spacing: float) -> Floats:
     """Points of a polyline, each the first that is `spacing` away from the one before."""
-    kept = [positions[0]]
+    points = [positions[0]]
     for start, end in itertools.pairwise(positions):
-        while np.linalg.norm(end - kept[-1]) >= spacing:
+        while np.linalg.norm(end - points[-1]) >= spacing:
             # Where the leg leaves the ball round the last point kept.
-            leg, gap = end - start, start - kept[-1]
+            leg, gap = end - start, start - points[-1]
             a, b, c = leg @ leg, leg @ gap, gap @ gap - spacing**2
             share = (-b + np.sqrt(max(b * b - a * c, 0.0))) / max(a, 1e-300)
-            kept.append(start + min(max(share, 0.0), 1.0) * leg)
-            start = kept[-1]
-    return np.array(kept)
+            points.append(start + min(max(share, 0.0), 1.0) * leg)
+            start = points[-1]
+    return np.array(points)

@@ -65,10 +65,10 @@ def some(names: Iterable[object], most: int = 5) -> str:
 def check_finite(values: Floats, shape: tuple[int | None, ...], what: str) -> Floats:
     """An array of finite floats of the given shape (None: any length)."""
     array = np.asarray(values, float)
-    wanted = tuple("n" if size is None else size for size in shape)
+    expected = tuple("n" if size is None else size for size in shape)
     sizes = zip(shape, array.shape, strict=False)
-    if array.ndim != len(shape) or any(size not in (None, given) for size, given in sizes):
-        raise InputError(what, f"has shape {array.shape}", f"shape {wanted}")
+    if array.ndim != len(shape) or any(size not in (None, side) for size, side in sizes):
+        raise InputError(what, f"has shape {array.shape}", f"shape {expected}")
     bad = int((~np.isfinite(array)).sum())
     if bad:
         raise InputError(what, f"{bad} of {array.size} numbers are not finite", "finite numbers")

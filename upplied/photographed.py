@@ -74,14 +74,14 @@ def photographed(
         surface = surface.at(np.arange(0, len(surface), max(1, len(surface) // _POINTS)))
     reach = np.array([_reach(frames, at, surface) for at in useful])
     finest = reach.min(axis=0)
-    wanted = np.where(np.isfinite(finest), _AS_FINE * finest, -np.inf)  # what no place shows, none need
+    goal = np.where(np.isfinite(finest), _AS_FINE * finest, -np.inf)  # what no place shows, none need
     enough = 1.0 if complete else _ENOUGH
 
     def shown_by(photo_s: list[float]) -> Bools:
         taken = Frames(interpolate(path, np.array(photo_s)), camera, scene)
-        return np.array([_reach(taken, at, surface) <= wanted for at in range(len(photo_s))])
+        return np.array([_reach(taken, at, surface) <= goal for at in range(len(photo_s))])
 
-    chosen, shown = _covering(chosen, shown_by(chosen), times[useful], reach <= wanted, interval_s, enough)
+    chosen, shown = _covering(chosen, shown_by(chosen), times[useful], reach <= goal, interval_s, enough)
     if overlap is not None:  # few are fixed: the others are spread evenly between them
         needed = _without_spare(chosen, shown_by(chosen), np.inf)
         fixed = np.unique([chosen[0], *needed, chosen[-1]])
@@ -111,11 +111,11 @@ def _along(frames: Frames, useful: list[int], path: Trajectory, interval_s: floa
     return chosen
 
 
-def _last(frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: Span) -> float:
+def _last(frames: Frames, useful: list[int], path: Trajectory, least: float, ends: Span) -> float:
     """The last place between two times whose picture, like all before it, overlaps enough with the first."""
     times, before, last = frames.poses.t_s[useful], _at(frames, path, ends[0]), ends[0]
     for at in range(int(np.searchsorted(times, ends[0] + _SAME_S)), len(times)):
-        if times[at] > ends[1] or _shared(before, frames, useful[at]) < wanted:
+        if times[at] > ends[1] or _shared(before, frames, useful[at]) < least:
             break
         last = float(times[at])
     return last
@@ -160,12 +160,12 @@ def _shared(before: Frames, frames: Frames, at: int) -> float:
     return float(before.shows(0, hits).mean()) if len(hits) else 1.0
 
 
-def _exactly(before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: Span) -> float:
+def _exactly(before: Frames, frames: Frames, path: Trajectory, least: float, ends: Span) -> float:
     """The time between two at which the overlap with the photo before falls to the required one."""
     low, high = ends
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        enough = _shared(before, _at(frames, path, middle), 0) >= wanted
+        enough = _shared(before, _at(frames, path, middle), 0) >= least
         low, high = (middle, high) if enough else (low, middle)
     return low if low > ends[0] else high
 
@@ -177,9 +177,9 @@ def share_shown(path: Trajectory, photo: Bools, camera: Camera, scene: Scene, su
     """
     frames = Frames(path, camera, scene)
     reach = np.array([_reach(frames, at, surface) for at in range(len(path))])
-    finest, wanted = reach[photo].min(axis=0, initial=np.inf), _AS_FINE * reach.min(axis=0)
-    known = np.isfinite(wanted)
-    return float((finest <= wanted)[known].mean()) if known.any() else float("nan")
+    finest, goal = reach[photo].min(axis=0, initial=np.inf), _AS_FINE * reach.min(axis=0)
+    known = np.isfinite(goal)
+    return float((finest <= goal)[known].mean()) if known.any() else float("nan")
 
 
 def _covering(

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from threadpoolctl import threadpool_limits
 
 _LOCK = threading.Lock()
-_HELD = ExitStack()
+_LIMITS = ExitStack()
 _holders = 0
 _rays = 0
 
@@ -39,7 +39,7 @@ def one_thread() -> Iterator[None]:
     global _holders
     with _LOCK:
         if _holders == 0:
-            _HELD.enter_context(threadpool_limits(1, user_api="blas"))
+            _LIMITS.enter_context(threadpool_limits(1, user_api="blas"))
         _holders += 1
     try:
         yield
@@ -47,4 +47,4 @@ def one_thread() -> Iterator[None]:
         with _LOCK:
             _holders -= 1
             if _holders == 0:
-                _HELD.close()
+                _LIMITS.close()

@@ -32,7 +32,7 @@ SCREENS = {"desktop": (1440, 900, "light"), "phone": (390, 844, "light"), "dark"
 COLOURS = 256  # of a palette: a third of the bytes
 
 
-def main(location: str, wanted: str = "") -> None:
+def main(location: str, names: str = "") -> None:
     """Serve a catalog and picture its pages."""
     catalog = open_catalog(location)
     plans = catalog.transfers(status="ok", preset="recommended")
@@ -55,7 +55,7 @@ def main(location: str, wanted: str = "") -> None:
         for screen, (wide, high, scheme) in SCREENS.items():
             context = browser.new_context(viewport={"width": wide, "height": high}, color_scheme=scheme)
             for name, (path, act) in pages.items():
-                if wanted and name not in wanted.split(","):
+                if names and name not in names.split(","):
                     continue
                 page = context.new_page()
                 page.set_default_timeout(400_000)

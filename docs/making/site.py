@@ -123,9 +123,9 @@ def _settings() -> Iterator[str]:
         meanings = comments(kind)
         yield f"## {stage.name}\n\n{(kind.__doc__ or '').strip()}\n"
         yield "| setting | value | meaning and allowed values |\n|---|---|---|"
-        for name, wanted in get_type_hints(kind).items():
+        for name, hint in get_type_hints(kind).items():
             values = [getattr(getattr(preset, stage.name), name) for preset in presets]
-            meaning = f"{meanings.get(name, '')} *{_may_be(kind, name, wanted)}*"
+            meaning = f"{meanings.get(name, '')} *{_may_be(kind, name, hint)}*"
             yield f"| `{stage.name}.{name}` | {_by_preset(values)} | {meaning} |"
         yield ""
 
@@ -140,18 +140,18 @@ def _by_preset(values: list[Any]) -> str:
     return "<br>".join(f"{preset}&nbsp;{text}" for preset, text in zip(PRESETS, shown, strict=True))
 
 
-def _may_be(stage: type, name: str, wanted: Any) -> str:
+def _may_be(stage: type, name: str, hint: Any) -> str:
     """The values that a setting takes, in words."""
     from upplied.config import range_of
 
-    choices = get_args(wanted)
-    if get_origin(wanted) is Literal:
+    choices = get_args(hint)
+    if get_origin(hint) is Literal:
         return ", ".join(f"`{choice}`" if choice else "none" for choice in choices)
-    if wanted is bool:
+    if hint is bool:
         return "`true`, `false`"
     low, high = range_of(stage, name)
     if low == -math.inf:
-        return "pairs of names" if get_origin(wanted) is tuple else "a whole number"
+        return "pairs of names" if get_origin(hint) is tuple else "a whole number"
     words = f"from {low:,.9g}" if high == math.inf else f"{low:,.9g} to {high:,.9g}"
     return f"{words}, or none" if type(None) in choices else words
 

@@ -12,11 +12,11 @@ BENCH = Path(__file__).parents[2] / "bench"
 
 
 def run(script: str, *arguments: str) -> str:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, str(BENCH / script), *arguments], capture_output=True, text=True, timeout=300
     )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    assert process.returncode == 0, process.stderr
+    return process.stdout
 
 
 @pytest.mark.slow
@@ -117,7 +117,7 @@ def test_every_benchmark_can_be_loaded() -> None:
     load = f"import sys; sys.path.insert(0, {str(BENCH)!r}); "
     load += "from upplied.geometry.scene import open3d; open3d(); "
     names = sorted(path.stem for path in BENCH.glob("*.py"))
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", f"{load}import {', '.join(names)}"], capture_output=True, text=True
     )
-    assert len(names) > 30 and done.returncode == 0, done.stderr
+    assert len(names) > 30 and process.returncode == 0, process.stderr

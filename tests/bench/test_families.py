@@ -15,8 +15,8 @@ from upplied.geometry.scene import scene_of
 
 @pytest.mark.parametrize("family", families.FAMILIES)
 def test_a_member_is_made_of_closed_bodies_on_the_ground(family: str) -> None:
-    made = families.family_member(family, 1)
-    one = made.structure
+    member = families.family_member(family, 1)
+    one = member.structure
     assert one.kind == family and one.surroundings.ground_z_m == 0.0
     assert np.isfinite(one.vertices).all()
     assert one.vertices[:, 2].min() == pytest.approx(0.0, abs=0.11)
@@ -24,8 +24,8 @@ def test_a_member_is_made_of_closed_bodies_on_the_ground(family: str) -> None:
     corners = one.vertices[one.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     assert area.min() > 1e-5
-    for number, name in enumerate(made.part_names):
-        body = one.triangles[made.part_of_triangle == number]
+    for number, name in enumerate(member.part_names):
+        body = one.triangles[member.part_of_triangle == number]
         edges = np.sort(np.concatenate([body[:, [0, 1]], body[:, [1, 2]], body[:, [2, 0]]]), axis=1)
         assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all(), name
         places = one.vertices[body]
@@ -48,14 +48,14 @@ def test_the_same_seed_gives_the_same_member_and_another_seed_another(family: st
 )
 def test_a_flight_keeps_its_distance_and_looks_at_its_part(family: str, inspection: str) -> None:
     flight = families.family_flight(family, 0, inspection)
-    made = families.family_member(family, 0)
-    assert clearance(made.structure, resampled(flight.positions, 0.05, 2, 1_000_000)) >= CLEARANCE_M - 0.01
+    member = families.family_member(family, 0)
+    assert clearance(member.structure, resampled(flight.positions, 0.05, 2, 1_000_000)) >= CLEARANCE_M - 0.01
     assert flight.positions[:, 2].min() > 1
     speed = np.linalg.norm(np.diff(flight.positions, axis=0), axis=1) / np.diff(flight.t_ns * 1e-9)
     assert 1.0 < np.median(speed) < 2.0
-    reach, triangle, _ = scene_of(made.structure).cast(flight.positions, optical_axis(flight.quat_xyzw))
+    reach, triangle, _ = scene_of(member.structure).cast(flight.positions, optical_axis(flight.quat_xyzw))
     met = np.isfinite(reach)
-    names = np.array(made.part_names)[made.part_of_triangle[triangle[met]]]
+    names = np.array(member.part_names)[member.part_of_triangle[triangle[met]]]
     starts = families.FAMILIES[family].inspections[inspection].parts
     assert np.mean([name.startswith(starts) for name in names]) > 0.5
     assert met.mean() > 0.5 and np.median(reach[met]) < 25

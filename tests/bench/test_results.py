@@ -28,16 +28,16 @@ def results():
 def check(results, title: str, preset: str) -> None:
     from transfers import transfers
 
-    kept = json.loads(results.KEPT.read_text(encoding="utf-8"))
+    stored = json.loads(results.FILE.read_text(encoding="utf-8"))
     (transfer,) = (each for each in transfers(only=title) if each.published.title == title)
-    moved = results.moved(kept["rows"][f"{title}, {preset}"], results.figures(transfer, preset))
+    moved = results.moved(stored["rows"][f"{title}, {preset}"], results.figures(transfer, preset))
     assert not moved, f"{title}, {preset}: {'; '.join(moved)}. If that is meant: {RULE}"
 
 
 def test_the_figures_are_those_of_this_version(results):
-    kept = json.loads(results.KEPT.read_text(encoding="utf-8"))
-    assert kept["method_version"] == METHOD_VERSION, "the version was raised: run `python bench/results.py`"
-    assert {f"{title}, recommended" for title in FAST} <= set(kept["rows"])
+    stored = json.loads(results.FILE.read_text(encoding="utf-8"))
+    assert stored["method_version"] == METHOD_VERSION, "the version was raised: run `python bench/results.py`"
+    assert {f"{title}, recommended" for title in FAST} <= set(stored["rows"])
 
 
 def test_published_figures_are_those_of_this_version():
@@ -54,18 +54,18 @@ def test_results_have_not_moved(results, title):
 
 @pytest.mark.slow
 def test_no_result_that_is_kept_has_moved(results):
-    for row in json.loads(results.KEPT.read_text(encoding="utf-8"))["rows"]:
+    for row in json.loads(results.FILE.read_text(encoding="utf-8"))["rows"]:
         check(results, *row.rsplit(", ", 1))
 
 
 def test_moved_figures_are_told(results):
-    kept = {"status": "ok", "duration_s": 100.0, "frechet_z": 0.5}
-    assert results.moved(kept, dict(kept)) == []
-    assert results.moved(kept, {**kept, "duration_s": 101.0, "frechet_z": 0.52}) == []
-    assert results.moved(kept, {**kept, "duration_s": 103.0}) == ["duration_s 100.0 became 103.0"]
-    assert results.moved(kept, {**kept, "frechet_z": 0.53}) == ["frechet_z 0.5 became 0.53"]
-    assert results.moved(kept, {**kept, "status": "refused"}) == ["status ok became refused"]
-    assert results.moved(kept, {"status": "ok", "duration_s": 100.0}) == ["frechet_z 0.5 became None"]
+    figures = {"status": "ok", "duration_s": 100.0, "frechet_z": 0.5}
+    assert results.moved(figures, dict(figures)) == []
+    assert results.moved(figures, {**figures, "duration_s": 101.0, "frechet_z": 0.52}) == []
+    assert results.moved(figures, {**figures, "duration_s": 103.0}) == ["duration_s 100.0 became 103.0"]
+    assert results.moved(figures, {**figures, "frechet_z": 0.53}) == ["frechet_z 0.5 became 0.53"]
+    assert results.moved(figures, {**figures, "status": "refused"}) == ["status ok became refused"]
+    assert results.moved(figures, {"status": "ok", "duration_s": 100.0}) == ["frechet_z 0.5 became None"]
     large = {"frechet_z": 2.87, "duration_s": 1000.0, "coverage_inspected_pct": 98.0}
     near = {"frechet_z": 2.75, "duration_s": 1015.0, "coverage_inspected_pct": 97.1}
     assert results.moved(large, near) == []

@@ -152,15 +152,15 @@ def test_the_table_counts_what_changes(tmp_path: Path) -> None:
     ]
     file = tmp_path / "rows.jsonl"
     file.write_text("\n".join(json.dumps(one) for one in rows) + '\n{"pair": "cut of')
-    found = {name.strip(): value for name, value in figures(compared(file)).items()}
-    assert found["pairs / rows / crashed"] == "1/6/1"
-    assert found["FLIPS of variants, % (<= 1)"] == "33.3"
-    assert found["INSPECTED within 1 point of given, % (>= 95)"] == "50.0"
-    assert found["largest difference, points (<= 3)"] == "2.0"
-    assert found["largest (<= 20)"] == "10.0"
-    assert found["BELOW BOX by > 1 point (0)"] == "1/1"
-    assert found["STRANGERS accepted (0)"] == "1/1"
-    assert found["CLEARANCE short of promise (0)"] == "1/4"
+    table = {name.strip(): value for name, value in figures(compared(file)).items()}
+    assert table["pairs / rows / crashed"] == "1/6/1"
+    assert table["FLIPS of variants, % (<= 1)"] == "33.3"
+    assert table["INSPECTED within 1 point of given, % (>= 95)"] == "50.0"
+    assert table["largest difference, points (<= 3)"] == "2.0"
+    assert table["largest (<= 20)"] == "10.0"
+    assert table["BELOW BOX by > 1 point (0)"] == "1/1"
+    assert table["STRANGERS accepted (0)"] == "1/1"
+    assert table["CLEARANCE short of promise (0)"] == "1/4"
 
 
 @pytest.mark.slow
@@ -169,10 +169,10 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     command = [sys.executable, str(BENCH / "stability.py")]
     chosen = ["--pairs", "box-random-9000-sides > box-random-9100", "--variants"]
     for variants in ("given", "given,order"):
-        done = subprocess.run(
+        process = subprocess.run(
             [*command, "run", str(out), *chosen, variants], capture_output=True, text=True, timeout=300
         )
-        assert done.returncode == 0, done.stderr
+        assert process.returncode == 0, process.stderr
     rows = [json.loads(line) for line in out.read_text().splitlines()]
     assert [one["variant"] for one in rows] == ["given", "order"]
     assert all(one["status"] == "ok" for one in rows)

@@ -20,12 +20,14 @@ from upplied.errors import CatalogError, InputError
 
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory):
-    made = open_catalog(tmp_path_factory.mktemp("from"))
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
-    made.add_demonstrations([demonstration()])
-    made.add_plans([(key_of(at), plan(f"t{at}", at), {"run_id": "r", "planning_s": 0.5}) for at in range(3)])
-    made.add_plans([(key_of(3), plan("t3", status="refused"), {})])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("from"))
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans(
+        [(key_of(at), plan(f"t{at}", at), {"run_id": "r", "planning_s": 0.5}) for at in range(3)]
+    )
+    catalog.add_plans([(key_of(3), plan("t3", status="refused"), {})])
+    return catalog
 
 
 @pytest.fixture
@@ -65,8 +67,8 @@ def test_out_and_in_again_is_equal_and_whole(catalog, folder, tmp_path):
         assert differences(catalog.structure(name), other.structure(name)) == []
     assert differences(catalog.demonstration("flight"), other.demonstration("flight")) == []
     commit = ("commit_id", "added_at", "commit_version", "row_sha256", "imported_from")
-    kept = [name for name in TABLES["transfers"].names if name not in commit]
-    pd.testing.assert_frame_equal(catalog.transfers()[kept], other.transfers()[kept])
+    names = [name for name in TABLES["transfers"].names if name not in commit]
+    pd.testing.assert_frame_equal(catalog.transfers()[names], other.transfers()[names])
     for name in catalog.transfers()["transfer_id"]:
         assert differences(catalog.plan(name), other.plan(name)) == []
     assert recipe(other, key_of(1)[:20]).differences(plan("t1", 1)) == []
@@ -116,8 +118,8 @@ def edited(folder: Path, name: str, change) -> None:
     table = pd.read_parquet(folder / f"{name}.parquet")
     import pyarrow as pa
 
-    made = pa.Table.from_pandas(change(table), TABLES[name].schema, preserve_index=False)
-    pq.write_table(made, folder / f"{name}.parquet")
+    rows = pa.Table.from_pandas(change(table), TABLES[name].schema, preserve_index=False)
+    pq.write_table(rows, folder / f"{name}.parquet")
     resigned(folder)
 
 
@@ -145,9 +147,9 @@ def edited(folder: Path, name: str, change) -> None:
 def test_a_folder_that_is_not_right_adds_nothing(folder, tmp_path, harm, words):
     harm(folder)
     other = open_catalog(tmp_path / "to")
-    with pytest.raises((CatalogError, InputError)) as told:
+    with pytest.raises((CatalogError, InputError)) as error:
         import_dataset(other, folder)
-    assert words in str(told.value)
+    assert words in str(error.value)
     assert not (tmp_path / "to").exists() or sum(rows(other).values()) == 0
 
 
@@ -190,27 +192,27 @@ def test_an_imported_failure_makes_way(catalog, folder, tmp_path):
 
 
 def test_a_sibling_that_told_parts_goes_with_its_plans(tmp_path):
-    made = open_catalog(tmp_path / "from")
-    told, asked = structure("told", 7), structure("asked", 8)
-    made.add_structures([structure("boxy"), structure("target"), told, asked, structure("other", 9)])
-    made.add_demonstrations([demonstration()])
-    siblings = [("asked", asked.sha256), ("told", told.sha256)]
+    origin = open_catalog(tmp_path / "from")
+    sibling, stranger = structure("told", 7), structure("asked", 8)
+    origin.add_structures([structure("boxy"), structure("target"), sibling, stranger, structure("other", 9)])
+    origin.add_demonstrations([demonstration()])
+    siblings = [("asked", stranger.sha256), ("told", sibling.sha256)]
     known = replace(plan("target"), parts_told_by="told")
-    made.add_plans([(key_of(0), known, {"siblings": siblings})])
-    (name,) = made.transfers()["transfer_id"]
-    assert [one.structure_id for one in recipe(made, name).siblings] == ["asked", "told"]
-    assert recipe(made, name).doubts == ()
-    assert made.plan(name).parts_told_by == "told"
-    export_dataset(made, tmp_path / "set", "boxes-v1", made.transfers(), "CC-BY-4.0", "Ada")
-    given = []
+    origin.add_plans([(key_of(0), known, {"siblings": siblings})])
+    (name,) = origin.transfers()["transfer_id"]
+    assert [one.structure_id for one in recipe(origin, name).siblings] == ["asked", "told"]
+    assert recipe(origin, name).doubts == ()
+    assert origin.plan(name).parts_told_by == "told"
+    export_dataset(origin, tmp_path / "set", "boxes-v1", origin.transfers(), "CC-BY-4.0", "Ada")
+    received = []
 
     def measured(made_from, of):
-        given.extend(made_from.siblings)
+        received.extend(made_from.siblings)
         return of.measures
 
     there = open_catalog(tmp_path / "to")
     import_dataset(there, tmp_path / "set", measured=measured)
-    assert [one.structure_id for one in given] == ["told"]
+    assert [one.structure_id for one in received] == ["told"]
     assert set(there.structures()["structure_id"]) == {"boxy", "target", "told"}
     again = recipe(there, name)
     assert [one.structure_id for one in again.siblings] == ["told"]

@@ -24,37 +24,37 @@ GUIDE = Path(__file__).parents[2] / "docs" / "queries.md"
 def place(tmp_path_factory) -> Path:
     """A folder with a catalog of two nights and what was published from it."""
     folder = tmp_path_factory.mktemp("guide")
-    made = open_catalog(folder / "catalog")
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
-    made.add_demonstrations([demonstration()])
+    catalog = open_catalog(folder / "catalog")
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
+    catalog.add_demonstrations([demonstration()])
     for night in (2, 0):
         batch = []
         for at in range(4):
             for preset in ("recommended", "baseline"):
                 status = "refused" if at == 3 and preset == "baseline" else "ok"
                 item = replace(plan(f"t{at}", 10 * night + at, status=status, preset=preset), surface=None)
-                said = {
+                attributes = {
                     "planned_at": datetime.now(UTC) - timedelta(days=night),
                     "run_id": f"night-{night}",
                     "method_version": str(3 - night),
                 }
-                batch.append((key_of(night, at, preset), item, said))
-        made.add_plans(batch)
-    export_tables(made, folder / "reports")
+                batch.append((key_of(night, at, preset), item, attributes))
+        catalog.add_plans(batch)
+    export_tables(catalog, folder / "reports")
     return folder
 
 
 def answers(text: str) -> list[Any]:
     """The values of all bare expressions in the code of a document, in order."""
     names: dict[str, Any] = {}
-    found = []
+    replies = []
     for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
         for node in ast.parse(code).body:
             if isinstance(node, ast.Expr):
-                found.append(eval(compile(ast.Expression(node.value), str(GUIDE), "eval"), names))  # noqa: S307
+                replies.append(eval(compile(ast.Expression(node.value), str(GUIDE), "eval"), names))  # noqa: S307
             else:
                 exec(compile(ast.Module([node], []), str(GUIDE), "exec"), names)
-    return found
+    return replies
 
 
 @pytest.mark.ci
@@ -62,11 +62,11 @@ def test_every_question_of_the_guide_has_an_answer(place, monkeypatch):
     monkeypatch.chdir(place)
     text = GUIDE.read_text(encoding="utf-8")
     assert len(re.findall(r"^\*\*\d+\. ", text, re.MULTILINE)) >= 12
-    found = answers(text)
-    tables = [answer for answer in found if isinstance(answer, pd.DataFrame | pd.Series | pl.DataFrame)]
+    replies = answers(text)
+    tables = [answer for answer in replies if isinstance(answer, pd.DataFrame | pd.Series | pl.DataFrame)]
     assert len(tables) >= 16
     assert all(len(table) for table in tables[:5])
-    assert [answer for answer in found if isinstance(answer, list)] == [[], []]  # siblings, verify
+    assert [answer for answer in replies if isinstance(answer, list)] == [[], []]  # siblings, verify
 
 
 def test_pandas_duckdb_polars_and_the_catalog_agree(place):

@@ -17,10 +17,10 @@ from upplied.errors import CatalogError
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), structure("target", 1), structure("other", 2)])
-    made.add_demonstrations([demonstration()])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), structure("target", 1), structure("other", 2)])
+    catalog.add_demonstrations([demonstration()])
+    return catalog
 
 
 @pytest.fixture
@@ -28,22 +28,22 @@ def catalog(begun, tmp_path):
     return copied(begun, tmp_path)
 
 
-def planned(catalog, seed, target="target", run="run", **said):
-    catalog.add_plans([(key_of(seed, target), plan(target, seed), {"run_id": run, **said})])
+def planned(catalog, seed, target="target", run="run", **attributes):
+    catalog.add_plans([(key_of(seed, target), plan(target, seed), {"run_id": run, **attributes})])
     return key_of(seed, target)[:20]
 
 
 def test_history_tells_every_commit_newest_first(catalog):
     planned(catalog, 1)
     planned(catalog, 2)
-    told = history(catalog)
-    added = told[told["operation"] == "add"]
+    commits = history(catalog)
+    added = commits[commits["operation"] == "add"]
     assert added.groupby("table")["rows_added"].sum().to_dict() == {
         "structures": 3,
         "demonstrations": 1,
         "transfers": 2,
     }
-    assert told["at"].is_monotonic_decreasing
+    assert commits["at"].is_monotonic_decreasing
     assert len(history(catalog, limit=2)) == 2
     version = added[added["table"] == "transfers"]["version"].max()
     assert len(catalog.transfers(version=int(version) - 1, every=True)) == 1
@@ -53,9 +53,9 @@ def test_runs_count_their_outcomes(catalog):
     planned(catalog, 1, run="monday")
     catalog.add_plans([(key_of(9), plan("other", status="refused"), {"run_id": "monday"})])
     planned(catalog, 2, run="tuesday")
-    told = runs(catalog).set_index("run_id")
-    assert list(told.index) == ["tuesday", "monday"]
-    assert told.loc["monday", ["ok", "refused", "failed"]].tolist() == [1, 1, 0]
+    table = runs(catalog).set_index("run_id")
+    assert list(table.index) == ["tuesday", "monday"]
+    assert table.loc["monday", ["ok", "refused", "failed"]].tolist() == [1, 1, 0]
 
 
 def test_diff_says_what_changed_and_why(catalog):
@@ -71,11 +71,11 @@ def test_diff_says_what_changed_and_why(catalog):
     )
     planned(catalog, 1, "boxy")
     catalog.retire_structures(["other"])
-    found = diff(catalog, before).set_index("target_id")
-    assert found["change"].to_dict() == {"target": "replanned", "boxy": "added", "other": "gone"}
-    assert found.loc["target", "why"] == "target changed, settings changed"
+    changes = diff(catalog, before).set_index("target_id")
+    assert changes["change"].to_dict() == {"target": "replanned", "boxy": "added", "other": "gone"}
+    assert changes.loc["target", "why"] == "target changed, settings changed"
     expected = plan(seed=2).measures.coverage_seen_pct - plan(seed=1).measures.coverage_seen_pct
-    assert found.loc["target", "coverage_seen_pct_change"] == pytest.approx(expected)
+    assert changes.loc["target", "coverage_seen_pct_change"] == pytest.approx(expected)
     assert diff(catalog, datetime.now(UTC)).empty
 
 
@@ -105,21 +105,21 @@ def test_a_recipe_holds_the_versions_that_were_read(catalog):
     name = planned(catalog, 1)
     catalog.add_structures([structure("target", 7)])
     catalog.add_demonstrations([demonstration(seed=7)])
-    found = recipe(catalog, name)
-    assert differences(found.target, structure("target", 1)) == []
-    assert differences(found.source, structure("boxy")) == []
-    assert differences(found.demonstration, demonstration()) == []
-    assert found.settings == settings_for("recommended")
-    assert found.doubts == ()
+    versions = recipe(catalog, name)
+    assert differences(versions.target, structure("target", 1)) == []
+    assert differences(versions.source, structure("boxy")) == []
+    assert differences(versions.demonstration, demonstration()) == []
+    assert versions.settings == settings_for("recommended")
+    assert versions.doubts == ()
 
 
 def test_a_recipe_compares_byte_for_byte(catalog):
-    found = recipe(catalog, planned(catalog, 1))
-    assert found.differences(plan("target", 1)) == []
+    versions = recipe(catalog, planned(catalog, 1))
+    assert versions.differences(plan("target", 1)) == []
     other = plan("target", 1)
     other.trajectory.positions[3, 1] = np.nextafter(other.trajectory.positions[3, 1], 9.0)
-    assert found.differences(other) == ["waypoints_sha256"]
-    assert "coverage_seen_pct" in found.differences(plan("target", 2))
+    assert versions.differences(other) == ["waypoints_sha256"]
+    assert "coverage_seen_pct" in versions.differences(plan("target", 2))
 
 
 def test_a_recipe_without_its_inputs_says_which(catalog):

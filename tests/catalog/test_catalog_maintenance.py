@@ -28,15 +28,15 @@ DAY = 86_400
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
-    made.add_demonstrations([demonstration()])
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
+    catalog.add_demonstrations([demonstration()])
     for night in range(3):
         batch = [
             (key_of(night, at), plan(f"t{at}", 10 * night + at), {"run_id": f"n{night}"}) for at in range(4)
         ]
-        made.add_plans(batch)
-    return made
+        catalog.add_plans(batch)
+    return catalog
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def catalog(begun, tmp_path):
     return copied(begun, tmp_path / "catalog")
 
 
-def said(catalog) -> str:
+def findings_in(catalog) -> str:
     return "\n".join(map(str, verify(catalog)))
 
 
@@ -71,7 +71,7 @@ def write_steps(table, rows: pd.DataFrame) -> None:
 
 
 def test_a_sound_catalog_has_no_findings(catalog):
-    assert said(catalog) == ""
+    assert findings_in(catalog) == ""
     assert verify(open_catalog(Path(catalog.location) / "nothing").create()) == []
 
 
@@ -106,13 +106,13 @@ def test_a_sound_catalog_has_no_findings(catalog):
 )
 def test_what_is_wrong_is_found(catalog, table, change, words):
     rewrite(catalog, table, change)
-    assert words in said(catalog)
+    assert words in findings_in(catalog)
 
 
 def test_a_damaged_mesh_is_found(catalog):
     path = next(Path(catalog.contents["meshes"].files.root).iterdir())
     path.write_bytes(path.read_bytes()[:-100])
-    assert f"{path}: is damaged; the mesh of" in said(catalog)
+    assert f"{path}: is damaged; the mesh of" in findings_in(catalog)
 
 
 @pytest.mark.parametrize("table", ["transfers", "waypoints", "structures"])
@@ -120,8 +120,8 @@ def test_a_damaged_file_of_a_table_is_a_finding_that_says_what_to_do(catalog, ta
     stored = catalog.tables[table]
     path = next(Path(stored.files.root if table in STEPS else stored.uri).glob("*.parquet"))
     path.write_bytes(path.read_bytes()[:200])
-    found = verify(open_catalog(catalog.location))
-    assert [f for f in found if path.name in f.found and "from a backup" in f.found], found
+    findings = verify(open_catalog(catalog.location))
+    assert [f for f in findings if path.name in f.found and "from a backup" in f.found], findings
     with pytest.raises(CatalogError, match="from a backup"):
         open_catalog(catalog.location).tables[table].read()
 
@@ -139,8 +139,10 @@ def test_plans_are_looked_at_some_at_a_time_and_told_of_once(catalog, monkeypatc
     monkeypatch.setattr(verification, "broken", noted)
     monkeypatch.setattr(delta, "ROW_GROUP", 5)
     monkeypatch.setattr(verification, "_ROWS", 5)
-    found = [str(f) for f in verify(catalog)]
-    assert max(looked) == 5 and sum("and 7 more" in f and "'fine' is not" in f for f in found) == 1, found
+    findings = [str(f) for f in verify(catalog)]
+    assert max(looked) == 5 and sum("and 7 more" in f and "'fine' is not" in f for f in findings) == 1, (
+        findings
+    )
 
 
 def snapshot(catalog) -> list[pd.DataFrame]:
@@ -161,7 +163,7 @@ def test_compaction_changes_no_answer_and_older_versions_stay(catalog):
         pd.testing.assert_frame_equal(left, right)
     assert sum(compact(catalog).values()) == 0
     assert "maintenance" in set(history(catalog)["operation"])
-    assert said(catalog) == ""
+    assert findings_in(catalog) == ""
 
 
 def aged(catalog, days: float) -> None:
@@ -176,8 +178,8 @@ def test_vacuum_keeps_the_stated_history(catalog):
     before = snapshot(catalog)
     compact(catalog)
     aged(catalog, 40)
-    kept = vacuum(catalog, keep_days=30)  # merged just now, so their versions are young
-    assert sum(kept.files_removed.values()) == 0
+    report = vacuum(catalog, keep_days=30)  # merged just now, so their versions are young
+    assert sum(report.files_removed.values()) == 0
     for left, right in zip(before, snapshot(catalog), strict=True):
         pd.testing.assert_frame_equal(left, right)
     with pytest.raises(SettingsError, match="at least"):
@@ -208,10 +210,10 @@ def test_vacuum_removes_what_stopped_writers_left_and_nothing_young(catalog, mon
         os.utime(path, (time.time() - 40 * DAY,) * 2)
     assert len(list(steps.iterdir())) == 4  # three nights and what is young: the old one went at first
     assert young.exists() and not old.exists()
-    kept = vacuum(catalog, keep_days=30)
-    assert kept.drafts_removed == 2
+    report = vacuum(catalog, keep_days=30)
+    assert report.drafts_removed == 2
     assert not any(path.exists() for path in leftovers)
-    assert said(catalog) == ""
+    assert findings_in(catalog) == ""
 
 
 def test_jobs_of_a_killed_run_go_by_age_and_those_of_a_run_at_work_stay(catalog):
@@ -254,7 +256,7 @@ def test_two_merges_at_the_same_time_do_not_double_rows(catalog, monkeypatch):
         compact(catalog)
     for left, right in zip(before, snapshot(open_catalog(catalog.location)), strict=True):
         pd.testing.assert_frame_equal(left, right)
-    assert said(catalog) == ""
+    assert findings_in(catalog) == ""
 
 
 def test_a_merge_holds_no_more_rows_in_memory_than_it_may(catalog, monkeypatch):
@@ -298,10 +300,12 @@ def test_texts_that_repeat_are_kept_once_and_say_the_same(catalog):
 def test_published_files_hold_the_current_rows(catalog, tmp_path):
     catalog.add_plans([(key_of("no"), plan("t3", status="refused", preset="paper"), {})])
     counts = export_tables(catalog, tmp_path / "reports")
-    held = {"transfers": 5, "structures": 5, "demonstrations": 1, "waypoints": 240, "poses": 50, "flights": 0,
-            "decisions": 0, "overruled": 0, "settings": 0, "requirements": 0, "edits": 0,
-            "flight_photos": 0, "findings": 0}  # fmt: skip
-    assert counts == held
+    expected = {
+        "transfers": 5, "structures": 5, "demonstrations": 1, "waypoints": 240, "poses": 50, "flights": 0,
+        "decisions": 0, "overruled": 0, "settings": 0, "requirements": 0, "edits": 0,
+        "flight_photos": 0, "findings": 0,
+    }  # fmt: skip
+    assert counts == expected
     read = {name: pd.read_parquet(tmp_path / "reports" / f"{name}.parquet") for name in TABLES}
     for name, frame in read.items():
         assert list(frame.columns) == TABLES[name].names

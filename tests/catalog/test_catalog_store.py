@@ -60,9 +60,9 @@ def test_writers_who_come_first_at_once_make_one_catalog(store, monkeypatch):
     monkeypatch.setattr(FileStore, "has", lambda *_: False)  # all look before the first of them writes
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(lambda at: files[at].create("note", f"of {at}".encode()), range(4)))
-    said = files[0].read("note")
+    note = files[0].read("note")
     files[1].create("note", b"of somebody who comes later")
-    assert said == files[0].read("note")
+    assert note == files[0].read("note")
 
 
 def test_who_looked_before_another_wrote_takes_its_identity(store, monkeypatch):
@@ -106,9 +106,9 @@ def test_no_credential_is_stored_or_said(store, tmp_path, caplog):
     catalog.add_structures([structure("boxy")])
     catalog.add_plans([(key_of(0), plan(), {})])
     assert SECRET not in caplog.text + repr(catalog) + repr(vars(catalog))
-    kept = content(store)
-    assert any(name.endswith(".parquet") for name in kept)
-    for name, stored in kept.items():
+    contents = content(store)
+    assert any(name.endswith(".parquet") for name in contents)
+    for name, stored in contents.items():
         assert SECRET.encode() not in stored, name
     for path in tmp_path.rglob("*"):
         assert not path.is_file() or SECRET.encode() not in path.read_bytes()
@@ -116,9 +116,9 @@ def test_no_credential_is_stored_or_said(store, tmp_path, caplog):
 
 def test_a_store_that_cannot_be_reached_is_said_without_credentials(store, monkeypatch):
     for location in (f"s3://key:{SECRET}@{BUCKET}/catalog", f"s3://{BUCKET}/catalog?secret_key={SECRET}"):
-        with pytest.raises(CatalogError, match="environment") as told:
+        with pytest.raises(CatalogError, match="environment") as error:
             open_catalog(location)
-        assert SECRET not in str(told.value)
+        assert SECRET not in str(error.value)
     for location in ("s3://", "s3:///"):
         with pytest.raises(CatalogError, match="names no bucket"):
             open_catalog(location)
@@ -129,9 +129,9 @@ def test_a_store_that_cannot_be_reached_is_said_without_credentials(store, monke
     ):
         with pytest.raises(CatalogError, match=r"ucket no-such-bucket was requested at http://127"):
             ask(open_catalog("s3://no-such-bucket/catalog"))
-    with pytest.raises(CatalogError, match="no-such-bucket") as told:
+    with pytest.raises(CatalogError, match="no-such-bucket") as error:
         open_catalog("s3://no-such-bucket/catalog").add_plans([(key_of(0), plan(), {})])
-    assert SECRET not in str(told.value)
+    assert SECRET not in str(error.value)
 
 
 def writer(location: str, seed: int, count: int) -> None:
@@ -154,9 +154,9 @@ def test_two_writers_at_once_lose_nothing(store):
         process.join(240)
         assert process.exitcode == 0
     catalog = open_catalog(location)
-    wanted = {key_of(seed, number) for seed in (1, 2, "shared") for number in range(count)}
-    found = catalog.transfers(every=True)
-    assert sorted(found["key"]) == sorted(wanted)
+    expected = {key_of(seed, number) for seed in (1, 2, "shared") for number in range(count)}
+    rows = catalog.transfers(every=True)
+    assert sorted(rows["key"]) == sorted(expected)
     assert [f for f in verify(catalog) if "is not in" not in f.found] == []  # no structures here
 
 

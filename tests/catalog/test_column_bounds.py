@@ -54,10 +54,10 @@ def bounds_of(column: Column) -> tuple[float | None, float | None]:
 
 @pytest.mark.parametrize(("table", "column"), COLUMNS, ids=lambda each: each.name)
 def test_bounds_follow_from_what_is_measured(table: Table, column: Column) -> None:
-    wanted = bounds_of(column)
+    bounds = bounds_of(column)
     if table.name == "requirements" and column.name == "version":
-        wanted = (None, None)
-    assert (column.low, column.high) == wanted
+        bounds = (None, None)
+    assert (column.low, column.high) == bounds
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=lambda each: each.name)
@@ -71,13 +71,13 @@ def test_what_a_row_is_nothing_without_is_required(table: Table) -> None:
 
 
 def test_a_constraint_in_words() -> None:
-    def said(**how: object) -> str:
+    def words(**how: object) -> str:
         return Column("name", None, "", "", **how).constraint  # type: ignore[arg-type]
 
-    assert said() == "" and said(required=True) == "required"
-    assert said(required=True, allowed=("a", "b")) == "required, one of a, b"
-    assert said(low=0, high=360) == "0 to 360" and said(low=0.5) == "at least 0.5" and said(high=3) == ""
-    assert said(low=0, required=True) == "required, at least 0"
+    assert words() == "" and words(required=True) == "required"
+    assert words(required=True, allowed=("a", "b")) == "required, one of a, b"
+    assert words(low=0, high=360) == "0 to 360" and words(low=0.5) == "at least 0.5" and words(high=3) == ""
+    assert words(low=0, required=True) == "required, at least 0"
 
 
 def broken(values: list[object], kind: object, **how: object) -> list[bool]:

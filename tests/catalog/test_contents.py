@@ -25,11 +25,11 @@ DAY = 86_400
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
-    made.add_plans([(key_of(at), plan("target", at), {}) for at in range(3)])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of(at), plan("target", at), {}) for at in range(3)])
+    return catalog
 
 
 @pytest.fixture
@@ -62,13 +62,13 @@ def test_surfaces_outlive_the_cache(catalog):
 def test_samples_that_plans_share_are_kept_once(catalog):
     surface = plan("target").surface
     for number in range(4):
-        made = replace(plan("target", number), surface=replace(surface, state=(surface.state + number) % 5))
-        catalog.add_plans([(key_of("more", number), made, {})])
+        other = replace(plan("target", number), surface=replace(surface, state=(surface.state + number) % 5))
+        catalog.add_plans([(key_of("more", number), other, {})])
     files = list(Path(catalog.location, "samples").iterdir())
     assert len(files) == 3  # of the three plans before; these four share that of the first
     for number in range(4):
-        found = catalog.surface(key_of("more", number)[:20])
-        assert np.array_equal(found.state, (surface.state + number) % 5)
+        samples = catalog.surface(key_of("more", number)[:20])
+        assert np.array_equal(samples.state, (surface.state + number) % 5)
 
 
 def test_a_surface_with_normals_and_large_states(catalog):
@@ -89,7 +89,7 @@ def test_what_is_damaged_or_gone_is_told(catalog, folder):
     fly(catalog)
     path = sorted(Path(catalog.location, folder).iterdir())[0]
     path.write_bytes(path.read_bytes()[:-100])
-    assert [str(path) in found.what for found in verify(open_catalog(catalog.location))] == [True]
+    assert [str(path) in finding.what for finding in verify(open_catalog(catalog.location))] == [True]
     path.unlink()
     assert "cannot be read" in verify(open_catalog(catalog.location))[0].found
 
@@ -130,12 +130,12 @@ def test_surfaces_that_no_plan_names_are_removed_when_they_are_old(catalog):
     for path in folder.iterdir():
         os.utime(path, (time.time() - 40 * DAY,) * 2)
     other = open_catalog(catalog.location)
-    kept = other.keep_surface(plan("target", 77))  # a planner at work counts on it
+    planned = other.keep_surface(plan("target", 77))  # a planner at work counts on it
     assert vacuum(catalog).surfaces_removed == 0
     for path in folder.iterdir():
         os.utime(path, (time.time() - 40 * DAY,) * 2)
     assert vacuum(catalog).surfaces_removed == 1
-    assert not (folder / f"{kept.surface_sha256}.parquet").exists()
+    assert not (folder / f"{planned.surface_sha256}.parquet").exists()
     assert verify(catalog) == []
 
 

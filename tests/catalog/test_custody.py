@@ -34,11 +34,11 @@ FIRST = key_of("first")[:20]
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure(), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
-    made.add_plans([(key_of("first"), replace(plan("target"), flyable=True), {})])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure(), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of("first"), replace(plan("target"), flyable=True), {})])
+    return catalog
 
 
 @pytest.fixture
@@ -64,12 +64,12 @@ def rewritten(catalog: Catalog, name: str, change) -> Catalog:
     rows = catalog.tables[name].whole().to_pylist()
     schema = catalog.tables[name].whole().schema
     for path in Path(catalog.tables[name].uri).glob("*.parquet"):
-        held = [
+        rows_there = [
             row
             for row in rows
             if row[schema.names[0]] in set(pq.read_table(path)[schema.names[0]].to_pylist())
         ]
-        pq.write_table(pa.Table.from_pylist([change(dict(row)) for row in held], schema), path)
+        pq.write_table(pa.Table.from_pylist([change(dict(row)) for row in rows_there], schema), path)
     return open_catalog(catalog.location)
 
 
@@ -78,8 +78,8 @@ def rewritten(catalog: Catalog, name: str, change) -> Catalog:
 
 @pytest.mark.slow
 def test_rewritten_bytes_and_fields_are_found(tmp_path):
-    found, missed = bench.run(8, 1, tmp_path)
-    assert missed == [] and found["bytes"] == found["fields"] == 4
+    counts, missed = bench.run(8, 1, tmp_path)
+    assert missed == [] and counts["bytes"] == counts["fields"] == 4
 
 
 @pytest.mark.parametrize("name", [name for name, table in TABLES.items() if "row_sha256" in table.names])
@@ -157,16 +157,16 @@ def test_rows_that_a_log_no_longer_names_are_missed(catalog):
 
     catalog.add_plans([(key_of("second"), plan("target", 2), {})])
     DeltaTable(catalog.tables["transfers"].uri).delete("preset = 'recommended'")
-    found = [str(each) for each in verify(open_catalog(catalog.location))]
-    assert any("transfers: has 0 rows, and 2 were added" in each for each in found), found
+    findings = [str(each) for each in verify(open_catalog(catalog.location))]
+    assert any("transfers: has 0 rows, and 2 were added" in each for each in findings), findings
 
 
 @pytest.mark.parametrize(("table", "column"), [("decisions", "by"), ("flights", "min_clearance_m")])
 def test_a_rewritten_name_or_clearance_is_no_longer_read_as_true(filled, tmp_path, table, column):
     other = "Mallory" if column == "by" else 9.9
     changed = rewritten(copied(filled, tmp_path), table, lambda row: {**row, column: other})
-    found = [str(each) for each in verify(changed)]
-    assert any(re.match(rf"{table} \S+: does not match its hash", each) for each in found), found
+    findings = [str(each) for each in verify(changed)]
+    assert any(re.match(rf"{table} \S+: does not match its hash", each) for each in findings), findings
     if table == "decisions":
         assert all("its release does not match its hash" in words for words in changed.in_force()["altered"])
 
@@ -185,8 +185,8 @@ def test_waypoints_that_were_moved_with_their_row_are_not_what_was_released(cata
     catalog.release(FIRST, "Grace")
     assert rules(catalog) == [] and list(catalog.in_force()["altered"]) == [""]
     for path in Path(catalog.location, "steps", "waypoints").glob("*.parquet"):
-        held = pq.read_table(path)
-        pq.write_table(pa.Table.from_pylist([moved(row) for row in held.to_pylist()], held.schema), path)
+        table = pq.read_table(path)
+        pq.write_table(pa.Table.from_pylist([moved(row) for row in table.to_pylist()], table.schema), path)
     steps = open_catalog(catalog.location).tables["waypoints"].read().sort_by("seq")
     flags = steps["is_viewpoint"].to_numpy(zero_copy_only=False)
     sha256 = poses_sha256(steps["t_s"].to_numpy(), *pose_arrays(steps), flags)
@@ -328,16 +328,16 @@ def test_what_was_there_before_there_were_hashes_is_part_of_the_chain(older):
     older.review(FIRST, "Ada")
     assert verify(older) == []
     changed = rewritten(older, "decisions", lambda row: {**row, "by": row["by"].replace("Grace", "Mallory")})
-    found = [str(each) for each in verify(changed)]
-    assert any("follows a row that is not there" in each for each in found), found
+    findings = [str(each) for each in verify(changed)]
+    assert any("follows a row that is not there" in each for each in findings), findings
 
 
 def test_a_hash_that_was_taken_off_is_told(older):
     older.add_structures([structure("third", 3)])
     changed = rewritten(older, "structures", lambda row: {**row, "row_sha256": None, "site": "elsewhere"})
-    found = [str(each) for each in verify(changed)]
-    assert any("third: has no hash" in each for each in found), found
-    assert not any("boxy: has no hash" in each for each in found)
+    findings = [str(each) for each in verify(changed)]
+    assert any("third: has no hash" in each for each in findings), findings
+    assert not any("boxy: has no hash" in each for each in findings)
 
 
 def test_every_table_of_one_place_is_a_chain():

@@ -23,8 +23,8 @@ def catalog(tmp_path) -> Catalog:
     return open_catalog(tmp_path / "catalog")
 
 
-def plans(count: int, run: str = "run", **said) -> list:
-    return [(key_of(at), plan(f"t{at}", at, **said), {"run_id": run}) for at in range(count)]
+def plans(count: int, run: str = "run", **fields) -> list:
+    return [(key_of(at), plan(f"t{at}", at, **fields), {"run_id": run}) for at in range(count)]
 
 
 def test_it_is_a_public_name():
@@ -43,18 +43,21 @@ def test_an_empty_catalog_answers_with_declared_columns(catalog):
 
 
 def test_records_come_back_equal(catalog):
-    given = structure(), structure("cloud", 1, triangles=np.empty((0, 3), np.int64), normals=np.ones((60, 3)))
+    structures = (
+        structure(),
+        structure("cloud", 1, triangles=np.empty((0, 3), np.int64), normals=np.ones((60, 3))),
+    )
     flown = demonstration()
-    made = plan()
-    assert catalog.add_structures(given) == 2
+    record = plan()
+    assert catalog.add_structures(structures) == 2
     assert catalog.add_demonstrations([flown]) == 1
-    assert catalog.add_plans([(key_of(0), made, {})]) == 1
+    assert catalog.add_plans([(key_of(0), record, {})]) == 1
     again = open_catalog(catalog.location)  # as another process sees it
-    assert differences(given[0], again.structure("boxy")) == []
-    assert differences(given[1], again.structure("cloud")) == []
+    assert differences(structures[0], again.structure("boxy")) == []
+    assert differences(structures[1], again.structure("cloud")) == []
     assert differences(flown, again.demonstration("flight")) == []
     name = again.transfers()["transfer_id"][0]
-    assert differences(made, replace(again.plan(name), surface=again.surface(name))) == []
+    assert differences(record, replace(again.plan(name), surface=again.surface(name))) == []
 
 
 @pytest.mark.parametrize("most_rows", [0, 100])
@@ -76,11 +79,11 @@ def test_the_current_version_of_one_row_is_that_of_the_whole_table(catalog, monk
 
 
 def test_a_plan_is_kept_in_two_parts_as_in_one(catalog):
-    made = plan()
-    catalog.add_plans([(key_of(0), catalog.keep_surface(made), {})])
+    record = plan()
+    catalog.add_plans([(key_of(0), catalog.keep_surface(record), {})])
     name = catalog.transfers()["transfer_id"][0]
-    assert made.surface is not None
-    assert differences(made.surface, catalog.surface(name)) == []
+    assert record.surface is not None
+    assert differences(record.surface, catalog.surface(name)) == []
 
 
 def test_steps_are_tables_as_well(catalog):
@@ -131,12 +134,12 @@ def test_a_change_is_a_newer_version_and_the_older_stays(catalog):
 def test_a_change_of_what_is_said_of_the_same_mesh_shows(catalog, changes):
     catalog.add_structures([structure()])
     assert catalog.add_structures([structure(**changes)]) == 1
-    found = catalog.structures().iloc[0].to_dict()
+    row = catalog.structures().iloc[0].to_dict()
     assert differences(structure(**changes), catalog.structure("boxy")) == []
-    assert found["version"] == 2
+    assert row["version"] == 2
     for name, value in changes.items():
-        assert name == "placement" or found[name] == value
-    assert np.isnan(found["lat_deg"]) == (changes.get("placement", 0) is None)
+        assert name == "placement" or row[name] == value
+    assert np.isnan(row["lat_deg"]) == (changes.get("placement", 0) is None)
 
 
 def test_the_same_version_added_by_two_writers_counts_once(catalog):
@@ -170,11 +173,11 @@ def test_retired_demonstrations_keep_their_poses(catalog):
 
 def test_refused_and_failed_plans_are_rows_with_a_reason(catalog):
     catalog.add_plans([(key_of(s), plan(f"t-{s}", status=s), {}) for s in ("ok", "refused", "failed")])
-    found = catalog.transfers().set_index("status")
-    assert set(found.index) == {"ok", "refused", "failed"}
-    assert "does not fit" in found.loc["refused", "reason"]
+    rows = catalog.transfers().set_index("status")
+    assert set(rows.index) == {"ok", "refused", "failed"}
+    assert "does not fit" in rows.loc["refused", "reason"]
     with pytest.raises(CatalogError, match="refused: does not fit"):
-        catalog.trajectory(found.loc["refused", "transfer_id"])
+        catalog.trajectory(rows.loc["refused", "transfer_id"])
 
 
 def test_a_failure_makes_way_for_a_later_result_and_not_the_other_way(catalog):

@@ -30,18 +30,18 @@ def key(name: str) -> str:
 
 
 def add(catalog: Catalog, name: str, seed: int = 1, purpose: str = "", **more) -> str:
-    made = replace(plan("target", seed, **more), flyable=True)
-    catalog.add_plans([(key_of(name), made, {"purpose": purpose})])
+    record = replace(plan("target", seed, **more), flyable=True)
+    catalog.add_plans([(key_of(name), record, {"purpose": purpose})])
     return key(name)
 
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure(), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
-    add(made, "first")
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure(), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    add(catalog, "first")
+    return catalog
 
 
 @pytest.fixture
@@ -79,9 +79,9 @@ def test_what_was_in_force_is_told_of_a_moment(catalog):
     catalog.release(key("first"), "Grace")
     then = catalog.decisions()["added_at"].iloc[-1]
     catalog.release(add(catalog, "second", 2), "Grace")
-    asked = {"in_force": True, "columns": ["transfer_id", "state"]}
-    assert list(catalog.transfers(as_of=then, **asked)["transfer_id"]) == [key("first")]
-    assert list(catalog.transfers(**asked)["transfer_id"]) == [key("second")]
+    query = {"in_force": True, "columns": ["transfer_id", "state"]}
+    assert list(catalog.transfers(as_of=then, **query)["transfer_id"]) == [key("first")]
+    assert list(catalog.transfers(**query)["transfer_id"]) == [key("second")]
 
 
 def test_a_plan_that_is_rejected_or_recalled_leaves_nothing_in_force(catalog):
@@ -190,7 +190,7 @@ def test_of_two_who_release_at_once_the_second_is_told(catalog):
 
 def test_many_who_release_at_once_leave_one_plan_in_force(catalog):
     names = [add(catalog, f"n{at}", at + 2) for at in range(4)]
-    told: list[str] = []
+    winners: list[str] = []
     gate = threading.Barrier(len(names))
 
     def one(name: str) -> None:
@@ -198,7 +198,7 @@ def test_many_who_release_at_once_leave_one_plan_in_force(catalog):
         gate.wait()
         try:
             own.release(name, name, after="")
-            told.append(name)
+            winners.append(name)
         except RefusedError:
             pass
 
@@ -207,7 +207,7 @@ def test_many_who_release_at_once_leave_one_plan_in_force(catalog):
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(told) == 1 and list(catalog.in_force()["transfer_id"]) == told
+    assert len(winners) == 1 and list(catalog.in_force()["transfer_id"]) == winners
     assert len(catalog.decisions()) == len(names)  # the others are on record, and do not count
 
 
@@ -261,9 +261,9 @@ _ROW = {"demonstration_id": "d", "target_id": "t", "purpose": "", "by": "x", "no
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["reviewed", "released", "rejected",
        "recalled", "rechecked"]), st.booleans()), max_size=12))  # fmt: skip
-def test_at_most_one_plan_is_in_force_and_only_by_a_release_that_knew_what_was_decided(said):
+def test_at_most_one_plan_is_in_force_and_only_by_a_release_that_knew_what_was_decided(decisions):
     rows, last = [], ""
-    for at, (plan_id, state, knows) in enumerate(said):
+    for at, (plan_id, state, knows) in enumerate(decisions):
         after = last if knows else "other"
         row = {**_ROW, "decision_id": f"n{at}", "transfer_id": plan_id, "state": state, "after": after}
         rows.append({**row, "target_sha256": f"s{at}"})

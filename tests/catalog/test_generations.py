@@ -50,15 +50,15 @@ def test_what_must_not_be_replaced_is_not(tmp_path: Path) -> None:
 
 def test_a_draft_becomes_the_current_generation(tmp_path: Path) -> None:
     assert current(tmp_path) == Generation()
-    said = Generation(
+    generation = Generation(
         "one", {"transfers": 3}, {"transfers": 5}, "x", {"transfers": 7}, {"transfers": {"box": 5}}
     )
     for number in (1, 2, 3):
-        switch(tmp_path, draft(tmp_path, text=str(number)), said)
+        switch(tmp_path, draft(tmp_path, text=str(number)), generation)
         assert os.readlink(tmp_path / "tables" / "current") == f"g{number:06d}"
         assert (tmp_path / "tables" / "current" / "text").read_text() == str(number)
     assert names(tmp_path) == ["current", "g000002", "g000003"]
-    assert current(tmp_path) == said
+    assert current(tmp_path) == generation
     for table in TABLES:
         assert os.readlink(tmp_path / f"{table}.parquet") == f"tables/current/{table}.parquet"
     assert not [path for path in tmp_path.rglob("*") if path.name.endswith(".draft")]
@@ -66,9 +66,9 @@ def test_a_draft_becomes_the_current_generation(tmp_path: Path) -> None:
 
 def test_damage_is_told(tmp_path: Path) -> None:
     switch(tmp_path, draft(tmp_path), Generation("one"))
-    said = tmp_path / "tables" / "current" / "published.json"
+    path = tmp_path / "tables" / "current" / "published.json"
     for text in ("{", json.dumps({"catalog": "one"}), "[]"):
-        said.write_text(text)
+        path.write_text(text)
         with pytest.raises(CatalogError, match="is damaged"):
             current(tmp_path)
 
@@ -103,16 +103,16 @@ def test_files_of_before_are_taken_over(tmp_path: Path) -> None:
 
 
 def test_what_is_newest_is_told_by_the_last_rows_and_by_its_files(tmp_path: Path) -> None:
-    said = Generation("one", columns="x", added={"flights": 7, "transfers": 8})
-    switch(tmp_path, draft(tmp_path, file="old"), said)
+    generation = Generation("one", columns="x", added={"flights": 7, "transfers": 8})
+    switch(tmp_path, draft(tmp_path, file="old"), generation)
     before = Before(tmp_path / "tables", current(tmp_path))
-    assert before.is_newest(said)
+    assert before.is_newest(generation)
     others = ({"catalog": "two"}, {"columns": "y"}, {"added": {"flights": 7, "transfers": 9}})
     for other in others:
-        assert not before.is_newest(replace(said, **other)), other
-    assert said.has_same("flights", replace(said, added={"flights": 7}))
+        assert not before.is_newest(replace(generation, **other)), other
+    assert generation.has_same("flights", replace(generation, added={"flights": 7}))
     (tmp_path / "tables" / "current" / "file").unlink()
-    assert not Before(tmp_path / "tables", current(tmp_path)).is_newest(said), "a file is gone"
+    assert not Before(tmp_path / "tables", current(tmp_path)).is_newest(generation), "a file is gone"
 
 
 def test_a_file_is_found_by_what_it_is_whatever_it_holds(tmp_path: Path) -> None:

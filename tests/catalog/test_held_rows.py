@@ -20,9 +20,9 @@ def test_rows_that_are_held_take_their_own_bytes_alone(tmp_path):
     at = rows.schema.get_field_index("transfer_id")
     table.append(rows.set_column(at, rows.schema.field(at), names))
     before = pa.total_allocated_bytes()
-    held = table.narrow(["transfer_id", "waypoints_sha256", "settings_json", "target_id"])
-    assert len(held) == len(names) + 1
-    assert pa.total_allocated_bytes() - before < 1.5 * held.nbytes
+    narrow = table.narrow(["transfer_id", "waypoints_sha256", "settings_json", "target_id"])
+    assert len(narrow) == len(names) + 1
+    assert pa.total_allocated_bytes() - before < 1.5 * narrow.nbytes
 
 
 def test_steps_are_found_in_whatever_order_their_owners_came(tmp_path):
@@ -31,5 +31,5 @@ def test_steps_are_found_in_whatever_order_their_owners_came(tmp_path):
     for number, name in enumerate(("second", "first", "third")):
         catalog.add_demonstrations([replace(demonstration(), demonstration_id=name, sha256="")])
         catalog.add_plans([(key_of(number), plan("target", number), {})])
-    found = [each for each in verify(catalog) if "is not in" not in each.found]
-    assert found == []
+    findings = [each for each in verify(catalog) if "is not in" not in each.found]
+    assert findings == []

@@ -23,12 +23,12 @@ from upplied.outputs.publish import publish
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
     for seed in range(3):
-        made.add_plans([(key_of(seed), plan("target", seed), {})])
-    return made
+        catalog.add_plans([(key_of(seed), plan("target", seed), {})])
+    return catalog
 
 
 @pytest.fixture
@@ -81,10 +81,10 @@ def test_a_mistyped_catalog_is_an_error_of_the_command(tmp_path, capsys):
 
 
 def test_an_empty_catalog_was_made_on_purpose(tmp_path):
-    made = open_catalog(tmp_path / "new").create()
-    assert made.transfers().empty
-    assert verify(made) == []
-    name = made.identity.id
+    catalog = open_catalog(tmp_path / "new").create()
+    assert catalog.transfers().empty
+    assert verify(catalog) == []
+    name = catalog.identity.id
     assert open_catalog(tmp_path / "new").create().identity.id == name
     assert open_catalog(tmp_path / "other").create().identity.id != name
 
@@ -92,7 +92,7 @@ def test_an_empty_catalog_was_made_on_purpose(tmp_path):
 def test_many_who_make_a_catalog_at_once_agree_on_its_name(tmp_path):
     places = [Identity(str(tmp_path / "new"), list(TABLES)) for _ in range(16)]
     with ThreadPoolExecutor(16) as threads:
-        assert len(set(threads.map(lambda place: place.made(), places))) == 1
+        assert len(set(threads.map(lambda place: place.name(), places))) == 1
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["catalog.json"]
 
 
@@ -124,7 +124,7 @@ def test_missing_newest_log_entries_are_noticed(catalog, lost):
     for question in (again.transfers, lambda: again.add_plans([(key_of(9), plan(), {})])):
         with pytest.raises(CatalogError, match=r"missing.*backup"):
             question()
-    assert any("missing" in told and "backup" in told for told in map(str, verify(again)))
+    assert any("missing" in finding and "backup" in finding for finding in map(str, verify(again)))
     assert sorted(Path(catalog.location, "transfers", "_delta_log").glob("*.json")) == log[:-lost]
 
 
@@ -134,7 +134,7 @@ def test_steps_that_are_gone_are_noticed(catalog, table):
     again = open_catalog(catalog.location)
     with pytest.raises(CatalogError, match=r"0 steps are stored.*backup"):
         again.demonstration("flight") if table == "poses" else again.trajectory(key_of(2)[:20])
-    assert any("0 steps" in told for told in map(str, verify(again)))
+    assert any("0 steps" in finding for finding in map(str, verify(again)))
 
 
 def test_a_table_that_is_gone_is_not_taken_for_an_empty_one(catalog):
@@ -149,9 +149,9 @@ def test_heads_follow_the_newest_commit_of_all(catalog):
     catalog.add_plans([(key_of(8), plan("target", 8), {})])
     compact(other)
     for name, table in catalog.tables.items():
-        held = [path.name for path in Path(catalog.location, "heads").glob(f"{name}-*")]
+        names = [path.name for path in Path(catalog.location, "heads").glob(f"{name}-*")]
         delta = table.delta()  # none where nothing was ever added: no flight was flown here
-        assert held == ([] if delta is None else [f"{name}-{delta.version():020}"])
+        assert names == ([] if delta is None else [f"{name}-{delta.version():020}"])
 
 
 def flip(path: Path, at: int) -> None:
@@ -163,29 +163,29 @@ def flip(path: Path, at: int) -> None:
 @pytest.mark.ci
 def test_one_changed_bit_never_becomes_a_trajectory(catalog):
     """Wherever the bit lies and however it is read, the path is the one that was planned, or an error."""
-    name, wanted = key_of(1)[:20], plan("target", 1).trajectory
+    name, expected = key_of(1)[:20], plan("target", 1).trajectory
     file = next(
         path
         for path in Path(catalog.location, "steps", "waypoints").iterdir()
         if name.encode() in path.read_bytes()
     )
-    whole, told = file.read_bytes(), 0
+    whole, refusals = file.read_bytes(), 0
     for at in range(4, len(whole) - 8, 311):
         flip(file, at)
         for ask in ("trajectory", "plan", "waypoints"):
             try:
                 again = open_catalog(catalog.location)
                 force = [["superseded"]] if ask == "trajectory" else []
-                found = getattr(again, ask)(name, *force)
+                record = getattr(again, ask)(name, *force)
             except CatalogError:
-                told += 1
+                refusals += 1
                 continue
-            path = found.trajectory if ask == "plan" else found
+            path = record.trajectory if ask == "plan" else record
             t_s, x_m = (path.t_s, path.positions[:, 0]) if ask != "waypoints" else (path["t_s"], path["x_m"])
-            assert list(t_s) == list(wanted.t_s)
-            assert list(x_m) == list(wanted.positions[:, 0])
+            assert list(t_s) == list(expected.t_s)
+            assert list(x_m) == list(expected.positions[:, 0])
         file.write_bytes(whole)
-    assert told > 5
+    assert refusals > 5
 
 
 @pytest.mark.parametrize("table", ["waypoints", "poses"])
@@ -207,6 +207,6 @@ def test_steps_of_another_hash_are_neither_read_nor_published(catalog, tmp_path,
 
 
 def test_the_identity_says_what_it_is(catalog):
-    said = json.loads(Path(catalog.location, "catalog.json").read_text())
-    assert said["format"] == "upplied catalog"
-    assert len(said["id"]) == 32
+    identity = json.loads(Path(catalog.location, "catalog.json").read_text())
+    assert identity["format"] == "upplied catalog"
+    assert len(identity["id"]) == 32

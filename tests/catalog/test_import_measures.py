@@ -56,8 +56,8 @@ def forged(dataset: Path, place: Path) -> Path:
 def test_measures_of_a_dataset_are_marked_as_its_word(dataset, tmp_path):
     place = forged(dataset, tmp_path / "forged")
     assert main(["catalog", "import", str(place), "--catalog", str(tmp_path / "to")]) == 0
-    (said,) = open_catalog(tmp_path / "to").transfers()["imported_from"]
-    assert said == "boxes-v1, measures as it says"
+    (origin,) = open_catalog(tmp_path / "to").transfers()["imported_from"]
+    assert origin == "boxes-v1, measures as it says"
 
 
 @pytest.mark.ci
@@ -67,6 +67,6 @@ def test_forged_measures_are_told_when_they_are_computed_again(dataset, tmp_path
     assert "min_clearance_m is stated as" in capsys.readouterr().err
     assert not (tmp_path / "to").exists()
     assert main([*arguments, str(dataset)]) == 0
-    (said,) = open_catalog(tmp_path / "to").transfers()["imported_from"]
-    assert said.startswith("boxes-v1, measures computed again")
-    assert "clearance" not in said and "coverage_seen" not in said
+    (origin,) = open_catalog(tmp_path / "to").transfers()["imported_from"]
+    assert origin.startswith("boxes-v1, measures computed again")
+    assert "clearance" not in origin and "coverage_seen" not in origin

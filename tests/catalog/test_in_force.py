@@ -46,9 +46,9 @@ def rows_of(drawn) -> list[dict]:
     return rows
 
 
-def told(rows: list[dict]) -> dict[str, tuple[str | None, dict[str, str], str]]:
+def judgements(rows: list[dict]) -> dict[str, tuple[str | None, dict[str, str], str]]:
     """By target: what is in force, the state of each plan, and the target it was judged on; told naively."""
-    found = {}
+    by_target = {}
     for target in "tu":
         own = [row for row in rows if row["target_id"] == target]
         counted = [row for row in own if row["state"] != "released" or row["after"] != "other"]
@@ -64,15 +64,15 @@ def told(rows: list[dict]) -> dict[str, tuple[str | None, dict[str, str], str]]:
                 states[name] = "reviewed"
             elif state == "rechecked" and force == name:
                 judged = row["target_sha256"]
-        found[target] = force, states, judged if force else ""
-    return found
+        by_target[target] = force, states, judged if force else ""
+    return by_target
 
 
 @given(st.lists(one, max_size=14))
 def test_what_is_in_force_is_what_a_naive_reader_tells(drawn):
     rows = rows_of(drawn)
     now = standing_of(rows)
-    for target, (force, states, judged) in told(rows).items():
+    for target, (force, states, judged) in judgements(rows).items():
         unit = ("d", target, "")
         assert now.in_force.get(unit, {}).get("transfer_id") == force
         assert {name: state for name, state in now.state.items() if name.endswith(target)} == states
@@ -134,13 +134,13 @@ def test_the_newest_version_of_a_structure_is_that_of_the_last_commit_whatever_c
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure(), structure("target", 1), structure("other", 2)])
-    made.add_demonstrations([demonstration()])
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure(), structure("target", 1), structure("other", 2)])
+    catalog.add_demonstrations([demonstration()])
     for at, (name, target) in enumerate(zip(NAMES, ("target", "other"), strict=True)):
-        made.add_plans([(key_of(name), replace(plan(target, at), flyable=True), {})])
-        made.release(key_of(name)[:20], "Grace")
-    return made
+        catalog.add_plans([(key_of(name), replace(plan(target, at), flyable=True), {})])
+        catalog.release(key_of(name)[:20], "Grace")
+    return catalog
 
 
 @pytest.fixture
@@ -150,8 +150,8 @@ def catalog(begun, tmp_path) -> Catalog:
 
 def listed(catalog: Catalog, capsys, *more: str) -> tuple[int, list[dict], str]:
     code = main(["in-force", "--json", "--catalog", str(catalog.location), *more])
-    said = capsys.readouterr()
-    return code, json.loads(said.out), said.err
+    output = capsys.readouterr()
+    return code, json.loads(output.out), output.err
 
 
 def test_the_command_tells_what_is_in_force_with_all_its_columns_and_exits_with_0(catalog, capsys):

@@ -26,11 +26,11 @@ def keys(tmp_path, monkeypatch) -> Path:
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure(), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
-    made.add_plans([(key_of("first"), replace(plan("target"), flyable=True), {})])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure(), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of("first"), replace(plan("target"), flyable=True), {})])
+    return catalog
 
 
 @pytest.fixture
@@ -48,11 +48,11 @@ def test_without_a_roster_everybody_releases_and_nothing_is_signed(catalog):
 
 
 def test_only_who_is_on_the_roster_and_has_the_key_releases(catalog, keys, capsys):
-    said = ["--catalog", str(catalog.location)]
+    where = ["--catalog", str(catalog.location)]
     assert main(["keys", "new", "Grace Hopper"]) == 0
     public = capsys.readouterr().out.split()[4]
     assert stat.S_IMODE(key_path("Grace Hopper").stat().st_mode) == 0o600
-    assert main(["keys", "add", "Grace Hopper", public, *said]) == 0
+    assert main(["keys", "add", "Grace Hopper", public, *where]) == 0
     with pytest.raises(RefusedError, match=r"release by 'Ada': is not on the roster .*Grace Hopper"):
         catalog.release(FIRST, "Ada")
     catalog.release(FIRST, "Grace Hopper")
@@ -65,7 +65,7 @@ def test_only_who_is_on_the_roster_and_has_the_key_releases(catalog, keys, capsy
     with pytest.raises(RefusedError, match="another key than the roster's"):
         catalog.release(FIRST, "Grace Hopper")
     assert len(catalog.decisions()) == 1
-    assert main(["keys", "list", "--json", *said]) == 0
+    assert main(["keys", "list", "--json", *where]) == 0
 
 
 def test_a_release_of_before_the_roster_does_not_count_until_it_is_signed(catalog, tmp_path, monkeypatch):
@@ -90,8 +90,8 @@ def test_a_release_of_before_the_roster_does_not_count_until_it_is_signed(catalo
 def test_each_word_of_a_release_is_signed(catalog, name):
     roster = Roster(catalog.location)
     roster.add("Grace", new_key("Grace"))
-    made = catalog.release(FIRST, "Grace", "for May")
-    row, order = catalog.standing().why[FIRST], {made: 0}
+    decision = catalog.release(FIRST, "Grace", "for May")
+    row, order = catalog.standing().why[FIRST], {decision: 0}
     assert roster.fault(row, order) == ""
     roster.people.append(replace(roster.people[0], name="Grace2"))
     assert "is not signed by" in roster.fault({**row, name: f"{row[name]}2"}, order)
@@ -196,5 +196,5 @@ def test_a_folder_in_the_place_of_the_roster_lets_nobody_release(catalog):
 
 def test_the_roster_is_plain(catalog):
     Roster(catalog.location).add("Grace", "ab" * 32)
-    said = json.loads((Path(catalog.location) / "roster.json").read_text())
-    assert said["people"] == [{"name": "Grace", "key": "ab" * 32, "until": ""}]
+    roster = json.loads((Path(catalog.location) / "roster.json").read_text())
+    assert roster["people"] == [{"name": "Grace", "key": "ab" * 32, "until": ""}]

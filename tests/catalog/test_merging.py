@@ -16,10 +16,10 @@ from upplied.catalog.verbs import maintenance
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    return catalog
 
 
 @pytest.fixture
@@ -35,12 +35,12 @@ def settle() -> None:
 
 def merges(catalog: Catalog) -> list[list[str]]:
     """The files that each merge took away, oldest first."""
-    found = []
+    removals = []
     for entry in sorted(Path(catalog.location, "settings", "_delta_log").glob("*.json")):
         actions = [json.loads(line) for line in entry.read_text().splitlines()]
         gone = [action["remove"]["path"] for action in actions if "remove" in action]
-        found += [gone] if gone else []
-    return found
+        removals += [gone] if gone else []
+    return removals
 
 
 @pytest.mark.ci
@@ -61,10 +61,10 @@ def test_nobody_who_writes_waits_for_a_merge(catalog, monkeypatch):
     free, begun = threading.Event(), threading.Event()
     merged = maintenance._merged
 
-    def slow(*given):
+    def slow(*arguments):
         begun.set()
         assert free.wait(60)
-        return merged(*given)
+        return merged(*arguments)
 
     monkeypatch.setattr(maintenance, "_merged", slow)
     try:

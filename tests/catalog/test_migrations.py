@@ -57,8 +57,8 @@ def check_older(catalog: Catalog) -> None:
 def check_path(path: Trajectory, seed: int) -> None:
     """The random records of the tests draw one number more for every measure that came since."""
     assert len(path) == 60
-    given = plan("target", seed).trajectory
-    assert (path.t_s[0] == given.t_s[0]) == (differences(given, path) == [])
+    expected = plan("target", seed).trajectory
+    assert (path.t_s[0] == expected.t_s[0]) == (differences(expected, path) == [])
 
 
 def test_an_older_catalog_is_read_as_it_is_and_not_changed(older):
@@ -82,8 +82,8 @@ def test_an_older_catalog_takes_rows_and_keeps_all_it_had(older, tmp_path):
     rows = catalog.structures().set_index("structure_id")["overruled"]
     assert rows["third"] == "size" and set(rows.drop("third")) == {""}
     check_older(open_catalog(older / "catalog"))
-    said = {"transfer_id": key_of("second")[:20], "way": "export", "format": "csv", "rule": "preset"}
-    assert [catalog.add_overruled([{**said, "found": "preset paper"}]) for _ in range(2)] == [1, 0]
+    row = {"transfer_id": key_of("second")[:20], "way": "export", "format": "csv", "rule": "preset"}
+    assert [catalog.add_overruled([{**row, "found": "preset paper"}]) for _ in range(2)] == [1, 0]
     assert list(catalog.overruled(key_of("second")[:20])["rule"]) == ["preset"]
     compact(catalog)
     check_older(open_catalog(older / "catalog"))
@@ -115,13 +115,13 @@ def test_an_older_export_is_imported(older, tmp_path):
 
 def test_every_schema_version_is_in_the_released_ones():
     """Raising the version without keeping a catalog of the one before fails here."""
-    kept = {
+    versions = {
         json.loads((Path(__file__).parent / "released" / name / "export" / "dataset.json").read_text())[
             "schema_version"
         ]
         for name in RELEASED
     }
-    assert kept >= set(range(1, tables.SCHEMA_VERSION))
+    assert versions >= set(range(1, tables.SCHEMA_VERSION))
 
 
 def test_an_older_program_refuses_a_newer_catalog_in_words(tmp_path, monkeypatch):
@@ -170,11 +170,11 @@ def test_what_a_newer_program_wrote_outlives_an_older_ones_compaction(both):
         ours.add_plans([(key_of(number), plan("target", number), {})])
     written(theirs, "transfers", [])
     ours.add_plans([(key_of(9), plan("boxy", 9), {})])  # the older program goes on writing
-    held = sorted(map(str, theirs.tables["transfers"].read(None, ["battery_wh"])["battery_wh"].to_pylist()))
-    assert held == ["77.0"] * 3 + ["None"] * 4
+    values = sorted(map(str, theirs.tables["transfers"].read(None, ["battery_wh"])["battery_wh"].to_pylist()))
+    assert values == ["77.0"] * 3 + ["None"] * 4
     assert compact(ours)["transfers"] == 5
     again = delta.StoredTable(theirs.location, newer(tables.TABLES["transfers"]))
-    assert sorted(map(str, again.read(None, ["battery_wh"])["battery_wh"].to_pylist())) == held
+    assert sorted(map(str, again.read(None, ["battery_wh"])["battery_wh"].to_pylist())) == values
     assert len(ours.transfers(every=True)) == 4
     assert verify(ours) == []
 
@@ -189,9 +189,9 @@ def test_what_a_newer_program_wrote_stays_in_a_row_that_an_older_one_repeats(bot
     assert list(ours.transfers()["key"]) == [key_of(0)]
     ours.retire_structures(["boxy"])
     for name in ("transfers", "structures"):
-        found = theirs.tables[name].read().to_pandas().sort_values("commit_version")
-        assert found.iloc[-1]["battery_wh"] == 77.0, name
-        assert found.iloc[-1]["passport"] == "p", name
+        rows = theirs.tables[name].read().to_pandas().sort_values("commit_version")
+        assert rows.iloc[-1]["battery_wh"] == 77.0, name
+        assert rows.iloc[-1]["passport"] == "p", name
 
 
 def test_an_export_that_lacks_a_column_that_was_always_there_is_refused(older, tmp_path):

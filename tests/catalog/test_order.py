@@ -58,10 +58,10 @@ def skew(monkeypatch):
 
 
 def filled(place: Path) -> Catalog:
-    made = open_catalog(place)
-    made.add_structures([structure("boxy"), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
-    return made
+    catalog = open_catalog(place)
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    return catalog
 
 
 @dataclass
@@ -91,7 +91,7 @@ def test_order_is_that_of_commits_under_any_clocks(tmp_path_factory, steps, merg
     place = tmp_path_factory.mktemp("skewed")
     with pytest.MonkeyPatch.context() as patch:
         set_clock = skewed(patch)
-        made, model = filled(place), Model()
+        catalog, model = filled(place), Model()
         for number, (what, off) in enumerate(steps):
             set_clock(off)
             writer = open_catalog(place)  # another machine each time
@@ -118,17 +118,17 @@ def test_order_is_that_of_commits_under_any_clocks(tmp_path_factory, steps, merg
             model.states.append((datetime.now(UTC), model.current(), len(model.plans), model.retired))
             check(open_catalog(place), model)
         if merged:
-            compact(made)
+            compact(catalog)
             check(open_catalog(place), model)
         for moment, current, _, retired in model.states:
-            then = made.transfers(as_of=moment, columns=["key"])
+            then = catalog.transfers(as_of=moment, columns=["key"])
             assert list(then["key"]) == ([] if retired or not current else [current])
-        assert verify(made) == []
+        assert verify(catalog) == []
 
 
 def check(catalog: Catalog, model: Model) -> None:
-    found = catalog.structures(every=True)
-    row = found[found["structure_id"] == "target"].iloc[-1]
+    rows = catalog.structures(every=True)
+    row = rows[rows["structure_id"] == "target"].iloc[-1]
     assert (row["notes"], bool(row["retired"])) == (model.notes, model.retired)
     assert catalog.newest("structures", "target")["notes"] == model.notes
     current = [] if model.retired or not model.plans else [model.current()]
@@ -136,12 +136,12 @@ def check(catalog: Catalog, model: Model) -> None:
 
 
 def test_the_disk_tells_the_time_not_the_writer(tmp_path, skew):
-    made = filled(tmp_path)
+    catalog = filled(tmp_path)
     for off in SKEWS:
         skew(off)
         open_catalog(tmp_path).add_plans([(key_of(off), plan("target", 1), {})])
     skew(0)
-    rows = made.transfers(every=True)
+    rows = catalog.transfers(every=True)
     assert rows["added_at"].is_monotonic_increasing
     assert (rows["added_at"] - datetime.now(UTC)).abs().max() < timedelta(minutes=5)
     assert rows["commit_version"].is_monotonic_increasing
@@ -151,52 +151,52 @@ def test_the_disk_tells_the_time_not_the_writer(tmp_path, skew):
 
 
 def test_an_import_is_no_earlier_than_it_was(tmp_path):
-    made = filled(tmp_path / "from")
-    made.add_plans([(key_of(0), plan("target"), {})])
-    export_dataset(made, tmp_path / "set", "a-v1", made.transfers(), "CC0-1.0")
+    origin = filled(tmp_path / "from")
+    origin.add_plans([(key_of(0), plan("target"), {})])
+    export_dataset(origin, tmp_path / "set", "a-v1", origin.transfers(), "CC0-1.0")
     other = open_catalog(tmp_path / "to").create()
     before = datetime.now(UTC)
     time.sleep(0.01)
     import_dataset(other, tmp_path / "set")
     assert len(other.transfers()) == 1
-    for found in (other.transfers(as_of=before, every=True), other.structures(as_of=before)):
-        assert found.empty
-    assert list(other.transfers()["planned_at"]) == list(made.transfers()["planned_at"])
+    for rows in (other.transfers(as_of=before, every=True), other.structures(as_of=before)):
+        assert rows.empty
+    assert list(other.transfers()["planned_at"]) == list(origin.transfers()["planned_at"])
 
 
 def test_boundaries_of_moments(tmp_path):
     """As of a moment means: with what was added at that very moment; changed since it means: after it."""
-    made = filled(tmp_path)
-    made.add_plans([(key_of(0), plan("target"), {})])
-    made.add_structures([structure("target", 5)])
-    row = made.transfers().iloc[0]
+    catalog = filled(tmp_path)
+    catalog.add_plans([(key_of(0), plan("target"), {})])
+    catalog.add_structures([structure("target", 5)])
+    row = catalog.transfers().iloc[0]
     step = timedelta(microseconds=1)
-    assert len(made.transfers(as_of=row["added_at"])) == 1
-    assert len(made.transfers(as_of=row["added_at"] - step)) == 0
-    versions = made.structures(every=True)
+    assert len(catalog.transfers(as_of=row["added_at"])) == 1
+    assert len(catalog.transfers(as_of=row["added_at"] - step)) == 0
+    versions = catalog.structures(every=True)
     last = versions["added_at"].max()
-    assert len(made.structures(as_of=last, every=True)) == len(versions)
-    assert len(made.structures(as_of=last - step, every=True)) == len(versions) - 1
+    assert len(catalog.structures(as_of=last, every=True)) == len(versions)
+    assert len(catalog.structures(as_of=last - step, every=True)) == len(versions) - 1
 
 
 def test_a_version_knows_what_was_retired_then(tmp_path):
-    made = filled(tmp_path)
-    made.add_plans([(key_of(0), plan("target"), {})])
-    version = int(history(made).query("table == 'transfers'")["version"].max())
-    made.retire_structures(["target"])
-    assert len(made.transfers(version=version)) == 1
-    made.add_plans([(key_of(1), plan("boxy", 1), {})])
-    assert list(made.transfers(version=version + 1)["target_id"]) == ["boxy"]
+    catalog = filled(tmp_path)
+    catalog.add_plans([(key_of(0), plan("target"), {})])
+    version = int(history(catalog).query("table == 'transfers'")["version"].max())
+    catalog.retire_structures(["target"])
+    assert len(catalog.transfers(version=version)) == 1
+    catalog.add_plans([(key_of(1), plan("boxy", 1), {})])
+    assert list(catalog.transfers(version=version + 1)["target_id"]) == ["boxy"]
 
 
 def test_a_version_knows_which_site_a_structure_stood_at_then(tmp_path):
-    made = filled(tmp_path)
-    made.add_plans([(key_of(0), plan("target"), {})])
-    version = int(history(made).query("table == 'transfers'")["version"].max())
-    made.add_structures([structure("target", 1, site="yard 7")])
+    catalog = filled(tmp_path)
+    catalog.add_plans([(key_of(0), plan("target"), {})])
+    version = int(history(catalog).query("table == 'transfers'")["version"].max())
+    catalog.add_structures([structure("target", 1, site="yard 7")])
     for site, then in (("hangar 3, Zürich", 1), ("yard 7", 0)):
-        assert len(made.transfers(version=version, site=site)) == then
-        assert len(made.transfers(site=site)) == 1 - then
+        assert len(catalog.transfers(version=version, site=site)) == then
+        assert len(catalog.transfers(site=site)) == 1 - then
 
 
 def numbered(place: str, seed: int, count: int) -> None:
@@ -207,7 +207,7 @@ def numbered(place: str, seed: int, count: int) -> None:
 
 @pytest.mark.ci
 def test_writers_at_once_get_numbers_of_their_own(tmp_path):
-    made = filled(tmp_path)
+    catalog = filled(tmp_path)
     context = multiprocessing.get_context("spawn")
     writers = [context.Process(target=numbered, args=(str(tmp_path), seed, 6)) for seed in range(2)]
     for process in writers:
@@ -215,7 +215,7 @@ def test_writers_at_once_get_numbers_of_their_own(tmp_path):
     for process in writers:
         process.join(120)
         assert process.exitcode == 0
-    rows = made.tables["structures"].read().to_pandas().query("structure_id == 'target'")
+    rows = catalog.tables["structures"].read().to_pandas().query("structure_id == 'target'")
     rows = rows.sort_values("commit_version")
     assert rows["commit_version"].is_unique
     assert rows["added_at"].is_monotonic_increasing
@@ -227,15 +227,15 @@ def test_writers_at_once_get_numbers_of_their_own(tmp_path):
 
 def test_points_of_a_writer_at_work_are_not_taken_for_a_stopped_ones(tmp_path, skew):
     """Its clock may be a year late: what counts is when the points came."""
-    made = filled(tmp_path)
+    catalog = filled(tmp_path)
     skew(-400 * 86_400.0)
     late = open_catalog(tmp_path)
     commit = late._add_steps("waypoints", plan_rows.waypoint_table({key_of(0)[:20]: plan("target")}))
     skew(0)
     points = tmp_path / "steps" / "waypoints" / f"{commit}.parquet"
-    assert vacuum(made, 1 / 24).orphan_commits["waypoints"] == 0 and points.exists()
+    assert vacuum(catalog, 1 / 24).orphan_commits["waypoints"] == 0 and points.exists()
     before = (datetime.now(UTC) - timedelta(hours=2)).timestamp()
     for path in points.parent.iterdir():
         os.utime(path, (before, before))
-    assert vacuum(made, 1 / 24).orphan_commits["waypoints"] == 1
-    assert not points.exists() and verify(made) == []
+    assert vacuum(catalog, 1 / 24).orphan_commits["waypoints"] == 1
+    assert not points.exists() and verify(catalog) == []

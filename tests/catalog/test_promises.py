@@ -17,10 +17,10 @@ from upplied.fleet import planner, reading
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), structure("target", 1)])
-    made.add_demonstrations([demonstration()])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    return catalog
 
 
 @pytest.fixture
@@ -33,17 +33,17 @@ def synced(monkeypatch) -> list[tuple[str, int]]:
     """Files and folders that were brought to the disk, each with the log entries that stood there then."""
     if not Path("/proc/self/fd").exists():
         pytest.skip("needs /proc to tell which file is brought to the disk")
-    found: list[tuple[str, int]] = []
+    syncs: list[tuple[str, int]] = []
     fsync = os.fsync
 
     def noted(handle: int) -> None:
         name = os.readlink(f"/proc/self/fd/{handle}")
         place = next((at for at in (Path(name), *Path(name).parents) if (at / "_delta_log").is_dir()), None)
-        found.append((name, len(list(place.glob("_delta_log/*.json"))) if place else 0))
+        syncs.append((name, len(list(place.glob("_delta_log/*.json"))) if place else 0))
         fsync(handle)
 
     monkeypatch.setattr(os, "fsync", noted)
-    return found
+    return syncs
 
 
 ADD = {
@@ -111,9 +111,9 @@ def test_files_are_taken_in_a_batch_at_a_time(monkeypatch):
     """What was read so far is kept where the rest is stopped."""
     monkeypatch.setattr(reading, "BATCH", 2)
     commits: list[list[str]] = []
-    found = [(f"f{at}", structure(f"s{at}", at)) for at in range(5)]
-    reads = iter([*found[:3], ("bad", "bad: is no mesh"), *found[3:]])
-    done = reading.stored(
+    items = [(f"f{at}", structure(f"s{at}", at)) for at in range(5)]
+    reads = iter([*items[:3], ("bad", "bad: is no mesh"), *items[3:]])
+    items_stored = reading.stored(
         reads,
         {},
         lambda it: it.structure_id,
@@ -121,7 +121,7 @@ def test_files_are_taken_in_a_batch_at_a_time(monkeypatch):
         lambda _: None,
     )
     assert commits == [["s0", "s1"], ["s2", "s3"], ["s4"]]
-    assert [item.status for item in done].count("added") == 5
+    assert [item.status for item in items_stored].count("added") == 5
 
 
 @pytest.mark.parametrize("kind", ["structures", "demonstrations"])
@@ -147,9 +147,9 @@ def test_files_are_not_read_far_ahead_of_what_is_kept():
                 handed.append(item)
                 yield item
 
-    found = reading.each(str, Counted(range(300)), str, 1, lambda _: reading.Ingested("", "unchanged"))
-    next(found)
-    found.close()
+    items = reading.each(str, Counted(range(300)), str, 1, lambda _: reading.Ingested("", "unchanged"))
+    next(items)
+    items.close()
     assert 1 <= len(handed) <= 100
 
 
@@ -164,7 +164,7 @@ def test_small_files_are_merged_while_they_come(catalog):
     assert "maintenance" in set(history(catalog)["operation"])
     assert len(catalog.transfers(every=True)) == 40
     assert len(catalog.transfers(version=20, every=True)) > 15
-    assert [found for found in verify(catalog) if "is not in" not in found.found] == []
+    assert [finding for finding in verify(catalog) if "is not in" not in finding.found] == []
     assert catalog.settled([key_of(number) for number in range(40)]).keys() == {
         key_of(number) for number in range(40)
     }

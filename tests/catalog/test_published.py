@@ -28,11 +28,11 @@ TESTS = str(Path(__file__).parents[1])
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(6))])
-    made.add_demonstrations([demonstration()])
-    made.add_plans([(key_of(at), plan(f"t{at}", at), {"planned_at": night(at % 3)}) for at in range(6)])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(6))])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of(at), plan(f"t{at}", at), {"planned_at": night(at % 3)}) for at in range(6)])
+    return catalog
 
 
 @pytest.fixture
@@ -74,11 +74,11 @@ def test_any_program_reads_them(catalog, tmp_path):
         tmp_path / "out" / "waypoints.parquet", filters=[("transfer_id", "==", key_of(3)[:20])]
     )
     pd.testing.assert_frame_equal(one, catalog.waypoints(key_of(3)[:20]), check_dtype=False)
-    found = duckdb.sql(
+    result = duckdb.sql(
         f"SELECT count(*) FROM '{tmp_path}/out/waypoints.parquet/**/*.parquet' "
         f"JOIN '{tmp_path}/out/transfers.parquet/**/*.parquet' USING (transfer_id)"
     )
-    assert found.df().iloc[0, 0] == 360
+    assert result.df().iloc[0, 0] == 360
 
 
 def test_what_did_not_change_is_not_written_again(catalog, tmp_path, monkeypatch):
@@ -315,8 +315,8 @@ def test_readers_and_publishers_at_once_see_one_generation(catalog, tmp_path):
 def test_publishers_take_turns(catalog, tmp_path):
     place = tmp_path / "out"
     with ThreadPoolExecutor(4) as threads:
-        done = list(threads.map(lambda _: export_tables(open_catalog(catalog.location), place), range(8)))
-    assert all(counts == done[0] for counts in done)
+        results = list(threads.map(lambda _: export_tables(open_catalog(catalog.location), place), range(8)))
+    assert all(counts == results[0] for counts in results)
     assert whole(place) == 6
     assert os.readlink(place / "tables" / "current") == "g000001"
 
@@ -325,10 +325,10 @@ def test_what_is_published_says_of_which_catalog_and_when(catalog, tmp_path):
     import json
 
     export_tables(catalog, tmp_path / "out")
-    said = json.loads((tmp_path / "out" / "tables" / "current" / "published.json").read_text())
-    assert said["catalog"] == catalog.identity.id
-    assert said["versions"]["transfers"] == catalog.tables["transfers"].delta().version()
-    assert said["rows"]["waypoints"] == 360
+    manifest = json.loads((tmp_path / "out" / "tables" / "current" / "published.json").read_text())
+    assert manifest["catalog"] == catalog.identity.id
+    assert manifest["versions"]["transfers"] == catalog.tables["transfers"].delta().version()
+    assert manifest["rows"]["waypoints"] == 360
     with pytest.raises(CatalogError, match="nothing is published"):
         published_tables(tmp_path / "nowhere")
 
@@ -352,11 +352,11 @@ def assert_as_anew(catalog: Catalog, place: Path, anew: Path) -> None:
 @pytest.fixture(scope="module")
 def many(tmp_path_factory) -> Catalog:
     """A catalog whose tables are many files, if these are small."""
-    made = open_catalog(tmp_path_factory.mktemp("many"))
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at % 3) for at in range(24))])
-    made.add_demonstrations([demonstration(), demonstration("other")])
-    made.add_plans([(key_of(at), plan(f"t{at}", at % 3), {"planned_at": night(0)}) for at in range(24)])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("many"))
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at % 3) for at in range(24))])
+    catalog.add_demonstrations([demonstration(), demonstration("other")])
+    catalog.add_plans([(key_of(at), plan(f"t{at}", at % 3), {"planned_at": night(0)}) for at in range(24)])
+    return catalog
 
 
 def test_what_changed_since_is_published_as_all_of_it_would_be(many, tmp_path, monkeypatch):
@@ -389,23 +389,23 @@ def test_what_changed_since_is_published_as_all_of_it_would_be(many, tmp_path, m
         "merged files": lambda: compact(catalog),
         "nothing": lambda: None,
     }
-    asked, foremost = [], Catalog.foremost
+    counts, foremost = [], Catalog.foremost
 
     def noted(self, columns, ids=None):
-        asked.append(None if ids is None else len(ids))
+        counts.append(None if ids is None else len(ids))
         return foremost(self, columns, ids)
 
     export_tables(catalog, place)
     assert sum(name.startswith(("transfers", "waypoints")) for name in stamps(place)) > 12
     for number, (what, change) in enumerate(changes.items()):
         change()
-        asked.clear()
+        counts.clear()
         before = stamps(place)
         with monkeypatch.context() as patched:
             patched.setattr(Catalog, "foremost", noted)
             export_tables(catalog, place)
-        assert len(asked) == (what not in ("merged files", "nothing")), what
-        assert all(count is not None and count <= 6 for count in asked), f"{what}: all plans were read"
+        assert len(counts) == (what not in ("merged files", "nothing")), what
+        assert all(count is not None and count <= 6 for count in counts), f"{what}: all plans were read"
         new = {name for name, stamp in stamps(place).items() if before.get(name) != stamp}
         assert sum(name.startswith(("transfers", "waypoints")) for name in new) <= 5, what
         assert_as_anew(catalog, place, tmp_path / f"anew-{number}")

@@ -20,9 +20,9 @@ START = datetime(2026, 3, 1, tzinfo=UTC)
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory):
     """Twelve nights of plans, some of them refused or failed, some of them superseded."""
-    made = open_catalog(tmp_path_factory.mktemp("nights"))
-    made.add_structures([structure(f"t{at}", at, site=f"site {at % 2}") for at in range(6)])
-    made.add_demonstrations([demonstration()])
+    catalog = open_catalog(tmp_path_factory.mktemp("nights"))
+    catalog.add_structures([structure(f"t{at}", at, site=f"site {at % 2}") for at in range(6)])
+    catalog.add_demonstrations([demonstration()])
     rng = np.random.default_rng(0)
     for night in range(12):
         batch = []
@@ -30,10 +30,13 @@ def catalog(tmp_path_factory):
             status = rng.choice(["ok", "ok", "refused", "failed"])
             preset = rng.choice(["paper", "recommended"])
             item = plan(f"t{target}", int(rng.integers(1000)), status=status, preset=preset)
-            said = {"planned_at": START + timedelta(days=night, minutes=target), "run_id": f"night-{night}"}
-            batch.append((key_of(night, target), item, said))
-        made.add_plans(batch)
-    return made
+            attributes = {
+                "planned_at": START + timedelta(days=night, minutes=target),
+                "run_id": f"night-{night}",
+            }
+            batch.append((key_of(night, target), item, attributes))
+        catalog.add_plans(batch)
+    return catalog
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +47,10 @@ def every(catalog) -> pd.DataFrame:
 
 def newest(rows: pd.DataFrame) -> dict:
     """The newest plan of each pair and preset, by a loop."""
-    found: dict = {}
+    by_target: dict = {}
     for row in rows.sort_values(["commit_version", "planned_at"]).itertuples():
-        found[row.demonstration_id, row.target_id, row.preset] = row.key
-    return found
+        by_target[row.demonstration_id, row.target_id, row.preset] = row.key
+    return by_target
 
 
 def keys(frame: pd.DataFrame) -> list[str]:
@@ -88,10 +91,10 @@ def test_a_site_is_that_of_the_target(catalog, every):
 @pytest.mark.parametrize("night", [0, 3, 11])
 def test_as_of_a_moment(catalog, every, night):
     until = every[every["run_id"] == f"night-{night}"]["added_at"].max()
-    wanted = sorted(newest(every[every["added_at"] <= until]).values())
-    assert keys(catalog.transfers(as_of=until)) == wanted
-    assert keys(catalog.transfers(as_of=until.strftime("%Y-%m-%d %H:%M:%S.%f"))) == wanted
-    assert keys(catalog.transfers(as_of=until.astimezone(tz=None))) == wanted
+    expected = sorted(newest(every[every["added_at"] <= until]).values())
+    assert keys(catalog.transfers(as_of=until)) == expected
+    assert keys(catalog.transfers(as_of=until.strftime("%Y-%m-%d %H:%M:%S.%f"))) == expected
+    assert keys(catalog.transfers(as_of=until.astimezone(tz=None))) == expected
 
 
 def test_as_of_a_version_is_what_was_committed_then(catalog, every):
@@ -109,9 +112,9 @@ def test_since_chooses_among_the_newest(catalog, every):
 
 
 def test_columns_and_their_units(catalog):
-    found = catalog.transfers(columns=["target_id", "frechet_m"])
-    assert list(found.columns) == ["target_id", "frechet_m"]
-    assert found.attrs["units"]["frechet_m"] == "m"
+    rows = catalog.transfers(columns=["target_id", "frechet_m"])
+    assert list(rows.columns) == ["target_id", "frechet_m"]
+    assert rows.attrs["units"]["frechet_m"] == "m"
     with pytest.raises(SettingsError, match="frechet_km"):
         catalog.transfers(columns=["frechet_km"])
     with pytest.raises(SettingsError, match="yesterdayish"):
@@ -127,17 +130,17 @@ def test_structures_by_kind_and_site_and_moment(catalog):
 
 
 def test_retired_targets_have_no_current_plan_but_their_history(tmp_path):
-    made = open_catalog(tmp_path)
-    made.add_structures([structure("target"), structure("other")])
-    made.add_plans([(key_of(at), plan(name), {}) for at, name in enumerate(("target", "other"))])
+    catalog = open_catalog(tmp_path)
+    catalog.add_structures([structure("target"), structure("other")])
+    catalog.add_plans([(key_of(at), plan(name), {}) for at, name in enumerate(("target", "other"))])
     before = datetime.now(UTC)
-    made.retire_structures(["target"])
-    assert list(made.transfers()["target_id"]) == ["other"]
-    assert len(made.transfers(every=True)) == 2
-    assert len(made.transfers(as_of=before)) == 2
-    assert len(made.trajectory(key_of(0)[:20])) == 60
-    made.add_structures([structure("target")])
-    assert len(made.transfers()) == 2
+    catalog.retire_structures(["target"])
+    assert list(catalog.transfers()["target_id"]) == ["other"]
+    assert len(catalog.transfers(every=True)) == 2
+    assert len(catalog.transfers(as_of=before)) == 2
+    assert len(catalog.trajectory(key_of(0)[:20])) == 60
+    catalog.add_structures([structure("target")])
+    assert len(catalog.transfers()) == 2
 
 
 def test_a_trajectory_at_any_time(catalog):
@@ -167,16 +170,16 @@ def test_of_a_few_plans_no_others_are_read_whole(catalog, every, monkeypatch):
     read: set[str] = set()
     batches = StoredTable.batches
 
-    def noted(table: StoredTable, columns: list[str], *asked: object):
-        for rows in batches(table, columns, *asked):
+    def noted(table: StoredTable, columns: list[str], *arguments: object):
+        for rows in batches(table, columns, *arguments):
             if "settings_json" in columns:
                 read.update(rows["transfer_id"].to_pylist())
             yield rows
 
     monkeypatch.setattr(StoredTable, "batches", noted)
     chosen = sorted(every["transfer_id"].head(2))
-    found = catalog.transfers(every=True, ids=chosen)
-    assert sorted(found["transfer_id"]) == chosen
+    rows = catalog.transfers(every=True, ids=chosen)
+    assert sorted(rows["transfer_id"]) == chosen
     assert read == set(chosen)
 
 
@@ -187,11 +190,11 @@ def test_named_columns_say_what_the_whole_rows_say(catalog):
 
 
 def test_retired_is_what_the_newest_version_says(tmp_path):
-    made = open_catalog(tmp_path)
-    made.add_structures([structure("a"), structure("b", 1), structure("c", 2)])
-    made.retire_structures(["a", "b"])
-    made.add_structures([structure("a")])
-    table = made.tables["structures"]
+    catalog = open_catalog(tmp_path)
+    catalog.add_structures([structure("a"), structure("b", 1), structure("c", 2)])
+    catalog.retire_structures(["a", "b"])
+    catalog.add_structures([structure("a")])
+    table = catalog.tables["structures"]
     assert ordering.retired(table) == ["b"]
     assert ordering.retired(table) == [
         name for name, row in sorted(ordering.newest_rows(table).items()) if row["retired"]

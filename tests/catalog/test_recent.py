@@ -13,30 +13,30 @@ def cloud(number: int) -> Cloud:
 
 
 def test_a_record_at_hand_is_not_asked_for_again():
-    asked = []
+    calls = []
 
     def memo(stage, record_type, key, compute):
-        asked.append((stage, key))
+        calls.append((stage, key))
         return compute()
 
     recent = Recent(memo)
     first = recent("clouds", Cloud, "a", lambda: cloud(5))
     assert recent("clouds", Cloud, "a", lambda: cloud(9)) is first
     assert recent("surface", Cloud, "a", lambda: cloud(9)) is not first
-    assert asked == [("clouds", "a"), ("surface", "a")]
+    assert calls == [("clouds", "a"), ("surface", "a")]
 
 
 def test_what_was_used_longest_ago_goes_first():
-    asked = []
+    calls = []
 
     def memo(stage, record_type, key, compute):
-        asked.append(key)
+        calls.append(key)
         return compute()
 
     recent = Recent(memo, max_bytes=2 * nbytes(cloud(10)))
     for key in "abacab":
         recent("clouds", Cloud, key, lambda: cloud(10))
-    assert asked == ["a", "b", "c", "b"]
+    assert calls == ["a", "b", "c", "b"]
 
 
 def test_a_record_larger_than_all_room_is_handed_on_all_the_same():

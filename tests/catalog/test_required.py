@@ -19,9 +19,9 @@ SIDE = {"zone": "side", "where": "box 0 0 0 1 10 10", "looks": 2, "gsd_mm": 3.0}
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("begun"))
-    made.add_structures([structure("boxy"), structure("other", 1)])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("begun"))
+    catalog.add_structures([structure("boxy"), structure("other", 1)])
+    return catalog
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def catalog(begun, tmp_path) -> Catalog:
     return copied(begun, tmp_path / "catalog")
 
 
-def asked(catalog: Catalog, every: bool = False) -> list[tuple[str, str, int, str]]:
+def requirements(catalog: Catalog, every: bool = False) -> list[tuple[str, str, int, str]]:
     rows = catalog.requirements(every=every).to_dict("records")
     return [(row["owner"], row["name"], row["version"], row["by"]) for row in rows]
 
@@ -40,9 +40,9 @@ def test_each_set_of_an_owner_has_its_versions_and_the_last_one_holds(catalog: C
     assert catalog.require("structure", "boxy", "monthly", [ROOF, SIDE], "Bob") == 1
     assert catalog.require("kind", kind, "monthly", [SIDE], "Cyd") == 1
     assert catalog.require("kind", kind, "yearly", [ROOF], "Ada") == 1
-    wanted = [("boxy", "monthly", 1, "Bob"), (kind, "monthly", 2, "Cyd"), (kind, "yearly", 1, "Ada")]
-    assert asked(catalog) == wanted
-    assert asked(catalog, every=True) == [(kind, "monthly", 1, "Ada"), *wanted]
+    expected = [("boxy", "monthly", 1, "Bob"), (kind, "monthly", 2, "Cyd"), (kind, "yearly", 1, "Ada")]
+    assert requirements(catalog) == expected
+    assert requirements(catalog, every=True) == [(kind, "monthly", 1, "Ada"), *expected]
     mine = [
         (row["set"], row["version"], row["asked_by"], row["zone"]) for row in Zones(catalog).of(kind, "boxy")
     ]
@@ -57,9 +57,9 @@ def test_each_set_of_an_owner_has_its_versions_and_the_last_one_holds(catalog: C
 def test_a_set_of_no_zones_takes_it_back(catalog: Catalog) -> None:
     catalog.require("structure", "boxy", "monthly", [ROOF], "Ada")
     catalog.require("structure", "boxy", "monthly", [], "Ada")
-    assert asked(catalog) == [] and len(asked(catalog, every=True)) == 2
+    assert requirements(catalog) == [] and len(requirements(catalog, every=True)) == 2
     catalog.require("structure", "boxy", "monthly", [SIDE], "Ada")
-    assert asked(catalog) == [("boxy", "monthly", 3, "Ada")]
+    assert requirements(catalog) == [("boxy", "monthly", 3, "Ada")]
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,8 @@ def test_zones_that_cannot_be_asked_for_are_refused(catalog: Catalog, zone: dict
 def test_limits_themselves_may_be_asked_for(catalog: Catalog) -> None:
     zone = {"zone": "a", "where": "b", "looks": 1, "on": "other", "incidence_deg": 90}
     assert catalog.require("structure", "boxy", "monthly", [zone], "Ada") == 1
-    (found,) = Zones(catalog).of("none", "boxy")
-    assert {key: found[key] for key in zone} == zone
+    (requirement,) = Zones(catalog).of("none", "boxy")
+    assert {key: requirement[key] for key in zone} == zone
 
 
 def test_whose_and_by_whom_must_be_known(catalog: Catalog) -> None:

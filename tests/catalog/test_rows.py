@@ -22,18 +22,18 @@ def through(table: str, row: dict) -> dict:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_structure_round_trip(seed: int):
-    given = structure(seed=seed)
-    back = rows.structure_of(through("structures", rows.structure_row(given, "0" * 64)), given)
-    assert differences(given, back) == []
+    record = structure(seed=seed)
+    back = rows.structure_of(through("structures", rows.structure_row(record, "0" * 64)), record)
+    assert differences(record, back) == []
 
 
 def test_bare_structure_round_trip():
-    given = Structure("a", "box", np.eye(3), np.empty((0, 3), np.int64), normals=np.eye(3))
-    back = rows.structure_of(through("structures", rows.structure_row(given, "0" * 64)), given)
-    assert differences(given, back) == []
+    record = Structure("a", "box", np.eye(3), np.empty((0, 3), np.int64), normals=np.eye(3))
+    back = rows.structure_of(through("structures", rows.structure_row(record, "0" * 64)), record)
+    assert differences(record, back) == []
     assert differences(Surroundings(), back.surroundings) == []
-    rallied = replace(given, surroundings=Surroundings(rally_m=np.array([[3.0, -4.0, 2.0]])))
-    back = rows.structure_of(through("structures", rows.structure_row(rallied, "0" * 64)), given)
+    rallied = replace(record, surroundings=Surroundings(rally_m=np.array([[3.0, -4.0, 2.0]])))
+    back = rows.structure_of(through("structures", rows.structure_row(rallied, "0" * 64)), record)
     assert back.surroundings.rally_m.tolist() == [[3.0, -4.0, 2.0]]
 
 
@@ -41,50 +41,50 @@ def test_bare_structure_round_trip():
 def test_what_is_stated_of_a_surface_comes_back_and_an_older_row_states_nothing(
     surface: str | None, stated: float | None
 ):
-    given = structure(surface=surface, surface_error_m=stated)
-    row = rows.structure_row(given, "0" * 64)
-    back = rows.structure_of(through("structures", row), given)
+    record = structure(surface=surface, surface_error_m=stated)
+    row = rows.structure_row(record, "0" * 64)
+    back = rows.structure_of(through("structures", row), record)
     assert (back.surface, back.surface_error_m) == (surface, stated)
     del row["surface"], row["surface_error_m"]
-    older = rows.structure_of(through("structures", row), given)
+    older = rows.structure_of(through("structures", row), record)
     assert older.surface is None and older.surface_error_m is None
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_demonstration_round_trip(seed: int):
-    given = demonstration(seed=seed)
-    row = through("demonstrations", rows.demonstration_row(given))
-    assert differences(given, rows.demonstration_of(row, rows.pose_table(given))) == []
+    record = demonstration(seed=seed)
+    row = through("demonstrations", rows.demonstration_row(record))
+    assert differences(record, rows.demonstration_of(row, rows.pose_table(record))) == []
 
 
 def test_path_length_leaves_breaks_out():
     line = np.column_stack([[0.0, 1, 2, 100, 101], np.zeros(5), np.zeros(5)])
-    given = demonstration(count=5, positions=line, breaks=np.array([3]))
-    assert rows.demonstration_row(given)["path_length_m"] == pytest.approx(3.0)
+    record = demonstration(count=5, positions=line, breaks=np.array([3]))
+    assert rows.demonstration_row(record)["path_length_m"] == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("status", ["ok", "refused", "failed"])
 def test_plan_round_trip(status: str):
-    given = replace(plan(status=status), surface=None)
-    row = through("transfers", plan_rows.transfer_row(key_of(status), given, {}))
-    steps = plan_rows.waypoint_table({"id": given})
-    assert differences(given, plan_rows.plan_of(row, steps)) == []
+    record = replace(plan(status=status), surface=None)
+    row = through("transfers", plan_rows.transfer_row(key_of(status), record, {}))
+    steps = plan_rows.waypoint_table({"id": record})
+    assert differences(record, plan_rows.plan_of(row, steps)) == []
 
 
 def test_missing_measures_are_null_not_nan():
-    given = replace(plan(), measures=Measures(frechet_m=1.0))
-    row = through("transfers", plan_rows.transfer_row(key_of(1), given, {}))
+    record = replace(plan(), measures=Measures(frechet_m=1.0))
+    row = through("transfers", plan_rows.transfer_row(key_of(1), record, {}))
     assert row["frechet_m"] == 1.0
     assert row["coverage_seen_pct"] is None
     assert np.isnan(
-        plan_rows.plan_of(row, plan_rows.waypoint_table({"id": given})).measures.coverage_seen_pct
+        plan_rows.plan_of(row, plan_rows.waypoint_table({"id": record})).measures.coverage_seen_pct
     )
 
 
 def test_numbers_of_any_sort_are_stored_and_what_is_none_is_null():
     none = [None, np.nan, np.float64(np.nan), np.float32(np.nan)]
-    given = [1, 1.5, np.float32(2.5), np.float64(0.1), np.int64(3), True, np.inf, *none]
-    stored = rows.table_of(TABLES["transfers"], [{"planning_s": value} for value in given])["planning_s"]
+    values = [1, 1.5, np.float32(2.5), np.float64(0.1), np.int64(3), True, np.inf, *none]
+    stored = rows.table_of(TABLES["transfers"], [{"planning_s": value} for value in values])["planning_s"]
     assert stored.to_pylist() == [1.0, 1.5, 2.5, 0.1, 3.0, 1.0, np.inf, *[None] * 4]
 
 
@@ -98,11 +98,11 @@ def test_settings_are_stored_with_their_own_hash_however_their_numbers_are_writt
 
 def test_stored_orientations_have_w_not_negative_and_are_the_same():
     quats = np.random.default_rng(1).normal(size=(40, 4))
-    kept = stored_quats(quats)
-    assert (kept[:, 3] >= 0).all()
-    assert np.array_equal(np.abs(kept), np.abs(quats))
-    sign = np.sign(kept[:, 0] * quats[:, 0])
-    assert np.array_equal(kept, quats * sign[:, None])
+    stored = stored_quats(quats)
+    assert (stored[:, 3] >= 0).all()
+    assert np.array_equal(np.abs(stored), np.abs(quats))
+    sign = np.sign(stored[:, 0] * quats[:, 0])
+    assert np.array_equal(stored, quats * sign[:, None])
 
 
 def test_the_hash_of_poses_sees_every_number():

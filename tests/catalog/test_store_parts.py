@@ -41,16 +41,16 @@ def test_statistics_are_ranges_and_nulls() -> None:
             "short": pa.array(["x" * 64] * 3),
         }
     )
-    found = json.loads(statistics(rows))
-    assert found["numRecords"] == 3
-    low, high = found["minValues"], found["maxValues"]
+    ranges = json.loads(statistics(rows))
+    assert ranges["numRecords"] == 3
+    low, high = ranges["minValues"], ranges["maxValues"]
     assert (low["id"], high["id"]) == ("a", "b") and (low["number"], high["number"]) == (1, 3)
     assert (low["some"], high["some"]) == (1.0, 1.0) and high["short"] == "x" * 64
     assert low["at"].startswith("2026-01-02T03:04:05.678") and high["at"].startswith(
         "2026-01-02T03:04:05.679"
     )
     assert low.keys() == high.keys() == {"id", "number", "at", "some", "short"}
-    assert found["nullCount"] == {name: rows[name].null_count for name in rows.column_names}
+    assert ranges["nullCount"] == {name: rows[name].null_count for name in rows.column_names}
 
 
 def test_files_are_skipped_by_the_columns_that_rows_are_looked_for_by_alone(tmp_path) -> None:
@@ -93,10 +93,12 @@ def test_what_the_storage_raises_is_told_in_words() -> None:
 
 
 def test_remedies_of_a_disk() -> None:
-    for said in ("No space left on device", "something (os error 28)", "File too large"):
-        assert remedy_of("/place", said) == "free some space; nothing was changed"
-    for said in ("Permission denied", "permission denied", "Read-only file system", "read-only"):
-        assert remedy_of("/place", said) == "ask for the right to read and write there; nothing was changed"
+    for message in ("No space left on device", "something (os error 28)", "File too large"):
+        assert remedy_of("/place", message) == "free some space; nothing was changed"
+    for message in ("Permission denied", "permission denied", "Read-only file system", "read-only"):
+        assert (
+            remedy_of("/place", message) == "ask for the right to read and write there; nothing was changed"
+        )
     assert remedy_of("/place", "odd") == ""
 
 
@@ -116,8 +118,8 @@ def test_remedies_of_a_store_name_what_is_missing(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "a")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "very secret")
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://me:pass@store:9000")
-    said = remedy_of(uri, "")
-    assert said == (
+    remedy = remedy_of(uri, "")
+    assert remedy == (
         "bucket bucket was requested at http://store:9000; not set in the environment: AWS_ALLOW_HTTP=true "
         "(the endpoint is http); nothing was changed"
     )
@@ -289,9 +291,9 @@ def test_the_newest_version_is_noted_once(tmp_path: Path) -> None:
 
 
 def test_rows_come_in_the_columns_asked_for() -> None:
-    found = pa.table({"b": pa.array([1, 2], pa.int32()), "x": pa.array(["p", "q"])})
+    table = pa.table({"b": pa.array([1, 2], pa.int32()), "x": pa.array(["p", "q"])})
     schema = pa.schema([("a", pa.string()), ("b", pa.int64())])
-    rows = in_schema(found, schema)
+    rows = in_schema(table, schema)
     assert rows.schema == schema and rows.to_pydict() == {"a": [None, None], "b": [1, 2]}
 
 

@@ -52,10 +52,10 @@ def test_help_loads_nothing_that_help_does_not_need(arguments):
         "trimesh",
     }
     code = "import sys; from upplied.cli import main; main(sys.argv[1:]); print('loaded', *sys.modules)"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
     )
-    loaded = set(done.stdout.rpartition("loaded ")[2].split())
+    loaded = set(process.stdout.rpartition("loaded ")[2].split())
     assert "cyclopts" in loaded and not heavy & loaded
 
 
@@ -168,9 +168,9 @@ def test_doctor_finds_this_machine_fit(location, capsys):
 
 
 def test_piped_output_has_no_colours(location):
-    done = run("structures", "list", "--catalog", location, FORCE_COLOR="")
-    assert done.returncode == 0
-    assert "\x1b" not in done.stdout + done.stderr
+    process = run("structures", "list", "--catalog", location, FORCE_COLOR="")
+    assert process.returncode == 0
+    assert "\x1b" not in process.stdout + process.stderr
 
 
 def test_a_fault_is_told_without_a_traceback(location, monkeypatch, capsys):

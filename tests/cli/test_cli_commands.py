@@ -67,10 +67,10 @@ def test_a_plan_is_made_again(planned, location, capsys):
 @pytest.mark.ci
 def test_a_plan_that_comes_out_otherwise_is_told_with_its_cause(planned, capsys, monkeypatch):
     """Another version of the method, and of a library; and nothing at all that is known to differ."""
-    made = planning.plan_transfer
+    original = planning.plan_transfer
 
-    def otherwise(*given):
-        plan = made(*given)
+    def otherwise(*arguments):
+        plan = original(*arguments)
         path = replace(plan.trajectory, positions=plan.trajectory.positions + 0.01)
         return replace(plan, trajectory=path)
 

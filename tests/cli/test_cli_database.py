@@ -21,12 +21,12 @@ ID = key_of(0)[:20]
 
 @pytest.fixture
 def catalog(tmp_path, monkeypatch) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
-    made.add_structures([structure("boxy"), structure("target", 1), structure("ferry", 2, kind="ship")])
-    made.add_demonstrations([demonstration()])
-    made.add_plans([(key_of(at), plan("target", at), {}) for at in range(2)])
-    monkeypatch.setenv("UPPLIED_CATALOG", str(made.location))
-    return made
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([structure("boxy"), structure("target", 1), structure("ferry", 2, kind="ship")])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of(at), plan("target", at), {}) for at in range(2)])
+    monkeypatch.setenv("UPPLIED_CATALOG", str(catalog.location))
+    return catalog
 
 
 def test_a_target_of_another_kind_is_refused_in_words(catalog, capsys):
@@ -53,7 +53,7 @@ def test_one_target_that_is_wrong_does_not_stop_the_others(catalog, capsys, monk
 
 
 @pytest.mark.parametrize(
-    ("command", "meant"),
+    ("command", "suggestion"),
     [
         (["transfer", "fligth", "--to", "target"], "did you mean flight?"),
         (["demonstrations", "retire", "fligth"], "did you mean flight?"),
@@ -62,9 +62,9 @@ def test_one_target_that_is_wrong_does_not_stop_the_others(catalog, capsys, monk
         (["export", ID[:-2] + "zz", "--to", "csv", "-o", "x.csv"], f"did you mean {ID}?"),
     ],
 )
-def test_unknown_ids_are_suggested(catalog, capsys, command, meant):
+def test_unknown_ids_are_suggested(catalog, capsys, command, suggestion):
     assert main(command) == 2
-    assert meant in capsys.readouterr().err
+    assert suggestion in capsys.readouterr().err
 
 
 def test_the_start_of_an_id_is_enough(catalog, capsys):

@@ -84,13 +84,17 @@ def test_choices_become_settings():
         "kept", 10.0, True, pairs, repeat="mirror", expect=2, clearance=3.0, search="heading",
         about="box 0 0 0 1 1 1",
     )  # fmt: skip
-    made = settings_for("recommended", **chosen.onto({"route": {"clearance_m": 9.0, "enforce": False}}))
-    assert (made.transfer.standoff, made.transfer.gsd_m, made.transfer.plane) == ("kept", 0.01, True)
-    assert made.correspondence.counterparts == (("nose", "bow"), ("tail", "stern"))
-    assert (made.correspondence.repeat, made.registration.search) == ("mirror", "heading")
-    assert made.correspondence.expect == 2
-    assert (made.route.clearance_m, made.route.enforce) == (3.0, False)
-    assert made.inspection.about == "box 0 0 0 1 1 1"
+    settings = settings_for("recommended", **chosen.onto({"route": {"clearance_m": 9.0, "enforce": False}}))
+    assert (settings.transfer.standoff, settings.transfer.gsd_m, settings.transfer.plane) == (
+        "kept",
+        0.01,
+        True,
+    )
+    assert settings.correspondence.counterparts == (("nose", "bow"), ("tail", "stern"))
+    assert (settings.correspondence.repeat, settings.registration.search) == ("mirror", "heading")
+    assert settings.correspondence.expect == 2
+    assert (settings.route.clearance_m, settings.route.enforce) == (3.0, False)
+    assert settings.inspection.about == "box 0 0 0 1 1 1"
     assert settings_for("recommended", **Choices().onto({})) == settings_for("recommended")
 
 
@@ -100,9 +104,9 @@ def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_ma
     for made_m, asked_m, kept_m in ((5.0, 2.0, 5.0), (1.5, 2.0, 2.0), (5.0, 3.0, 3.0)):
         settings = settings_for("recommended", vehicle=vehicle, route={"clearance_m": made_m})
         row = {"settings_json": settings.text}
-        made = as_settled(row, MissionOptions(clearance_m=asked_m, endurance_s=900.0))
-        assert (made.drone, made.endurance_s, made.firmware) == ("m30t", 900.0, "ardupilot")
-        assert made.clearance_m == kept_m
+        options = as_settled(row, MissionOptions(clearance_m=asked_m, endurance_s=900.0))
+        assert (options.drone, options.endurance_s, options.firmware) == ("m30t", 900.0, "ardupilot")
+        assert options.clearance_m == kept_m
     assert as_settled({"settings_json": settings.text}, MissionOptions(drone="m3e")).drone == "m3e"
     assert as_settled({}, MissionOptions()) == as_settled({"settings_json": "{"}, MissionOptions())
 

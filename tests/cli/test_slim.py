@@ -21,7 +21,7 @@ from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-# A process where what the extra brings cannot be imported.
+# A child where what the extra brings cannot be imported.
 SLIM = """
 import sys
 ABSENT = {"open3d", "libusb_package", "dash", "flask"}
@@ -88,10 +88,10 @@ def slim(place) -> Iterator[Callable[[str], subprocess.CompletedProcess[str]]]:
     ],
 )
 def test_reading_asking_deciding_and_giving_away_need_no_ray_caster(slim, words, what):
-    done = slim(words)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert what in done.stdout + done.stderr
-    assert not {"open3d", "prefect"} & set(json.loads(done.stderr.splitlines()[-1]))
+    child = slim(words)
+    assert child.returncode == 0, child.stdout + child.stderr
+    assert what in child.stdout + child.stderr
+    assert not {"open3d", "prefect"} & set(json.loads(child.stderr.splitlines()[-1]))
 
 
 @pytest.mark.ci
@@ -113,17 +113,19 @@ def test_reading_asking_deciding_and_giving_away_need_no_ray_caster(slim, words,
 )
 def test_what_casts_rays_names_the_extra_in_a_line(slim, place, words):
     before = sorted(open_catalog(place[0] / "catalog").structures()["structure_id"])
-    done = slim(words)
-    assert done.returncode == 2, done.stdout + done.stderr
-    messages = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert len(messages) == 1 and messages[0].endswith('Install it: pip install "upplied[plan]"'), done.stderr
+    child = slim(words)
+    assert child.returncode == 2, child.stdout + child.stderr
+    messages = [line for line in child.stderr.splitlines() if line.startswith("error: ")]
+    assert len(messages) == 1 and messages[0].endswith('Install it: pip install "upplied[plan]"'), (
+        child.stderr
+    )
     assert re.search("package (open3d|libusb_package): is not installed", messages[0])
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in child.stderr
     assert sorted(open_catalog(place[0] / "catalog").structures()["structure_id"]) == before
 
 
 def test_doctor_says_that_a_slim_install_plans_nothing(slim):
-    done = slim("doctor --json")
-    rows = {row["check"]: row for row in json.loads(done.stdout)}
+    child = slim("doctor --json")
+    rows = {row["check"]: row for row in json.loads(child.stdout)}
     assert rows["Open3D"]["result"] == "bad" and 'pip install "upplied[plan]"' in rows["Open3D"]["details"]
     assert {rows[name]["result"] for name in ("Python", "numba", "catalog")} == {"good"}

@@ -28,8 +28,8 @@ def site(tmp_path_factory) -> Path:
     goal = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(goal)]
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet)
-    assert done.returncode == 0, done.stdout + done.stderr
+    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet)
+    assert process.returncode == 0, process.stdout + process.stderr
     return goal
 
 
@@ -92,10 +92,10 @@ def test_the_reference_tells_of_every_setting_key_and_column(site):
 def test_the_reference_tells_of_every_command(site):
     from upplied.cli import app
 
-    told = (site / "reference" / "command.html").read_text(encoding="utf-8")
+    text = (site / "reference" / "command.html").read_text(encoding="utf-8")
     for name in app:
         if not name.startswith("-"):
-            assert f"upplied {name}" in told
+            assert f"upplied {name}" in text
 
 
 @pytest.mark.ci
@@ -133,7 +133,7 @@ def test_the_tutorial_leads_to_a_mission_file(tmp_path):
     (tmp_path / "made.py").write_text(code, encoding="utf-8")
     script = "\n".join(["set -e", "python made.py", *blocks("bash")])
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
+    process = subprocess.run(
         ["bash", "-c", script],
         cwd=tmp_path,
         capture_output=True,
@@ -141,6 +141,6 @@ def test_the_tutorial_leads_to_a_mission_file(tmp_path):
         check=False,
         env={**os.environ, "PATH": path},
     )
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert process.returncode == 0, process.stdout + process.stderr
     assert (tmp_path / "tank-2.plan").stat().st_size > 1000
     assert (tmp_path / "reports" / "index.html").is_file()

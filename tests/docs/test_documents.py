@@ -38,11 +38,11 @@ def place(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("readme")
     (code,) = blocks("python")
     (place / "script.py").write_text(code)
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "script.py"], cwd=place, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
-    (place / "said.txt").write_text(done.stdout)
+    assert process.returncode == 0, process.stderr
+    (place / "said.txt").write_text(process.stdout)
     return place
 
 
@@ -52,9 +52,9 @@ def test_the_readme_python_says_what_it_claims(place):
     claims = [
         line.split("# ")[1].strip() for line in code.splitlines() if line.startswith("print") and "# " in line
     ]
-    said = (place / "said.txt").read_text()
+    output = (place / "said.txt").read_text()
     assert claims
-    assert all(claim in said for claim in claims), said
+    assert all(claim in output for claim in claims), output
 
 
 def test_the_readme_python_is_ten_lines():
@@ -66,9 +66,9 @@ def test_the_readme_python_is_ten_lines():
 def test_the_readme_commands_work_in_their_order(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("UPPLIED_CATALOG", raising=False)
-    told = [shlex.split(line, comments=True)[1:] for line in commands("upplied")]
-    assert len(told) >= 8
-    for words in told:
+    word_lists = [shlex.split(line, comments=True)[1:] for line in commands("upplied")]
+    assert len(word_lists) >= 8
+    for words in word_lists:
         if words == ["studio"]:
             continue  # serves until it is stopped; web/test_studio.py does so
         assert main(words) == 0, words
@@ -83,7 +83,7 @@ def test_the_readme_names_targets_that_make_has():
 
 
 def test_one_version_is_said_everywhere():
-    said = {
+    versions = {
         name: re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)[1]
         for name, pattern in {
             "pyproject.toml": r'^version = "(.+)"',
@@ -92,7 +92,7 @@ def test_one_version_is_said_everywhere():
             "CHANGELOG.md": r"^## (\d\S*)",
         }.items()
     }
-    assert len(set(said.values())) == 1, said
+    assert len(set(versions.values())) == 1, versions
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
@@ -112,12 +112,12 @@ def test_no_place_of_one_machine_is_named(path):
 def test_the_lock_pins_what_pyproject_asks_for():
     lock = (ROOT / "requirements.lock").read_text()
     pinned = dict(re.findall(r"^([a-z0-9-]+)==([^ ;\\]+)", lock, re.MULTILINE))
-    wanted = [Requirement(text) for text in PROJECT["dependencies"] + EXTRAS["dev"]]
-    while own := next((one for one in wanted if one.name == "upplied"), None):
-        wanted.remove(own)
-        wanted += [Requirement(text) for name in own.extras for text in EXTRAS[name]]
-    assert len(wanted) > 40
-    for one in wanted:
+    requirements = [Requirement(text) for text in PROJECT["dependencies"] + EXTRAS["dev"]]
+    while own := next((one for one in requirements if one.name == "upplied"), None):
+        requirements.remove(own)
+        requirements += [Requirement(text) for name in own.extras for text in EXTRAS[name]]
+    assert len(requirements) > 40
+    for one in requirements:
         name = re.sub(r"[-_.]+", "-", one.name).lower()
         assert name in pinned, f"{name} is not locked: make lock"
         assert one.specifier.contains(pinned[name]), f"{name} {pinned[name]} is not {one.specifier}"
@@ -132,20 +132,20 @@ def pins_of(name: str) -> dict[str, str]:
 
 def installed(requirements: list[str]) -> set[str]:
     """What these bring on this machine, by the metadata of what is installed: all of it, and nothing else."""
-    found: set[tuple[str, str]] = set()
+    extras: set[tuple[str, str]] = set()
     waiting = [(Requirement(text), "") for text in requirements]
     while waiting:
-        one, asked = waiting.pop()
-        if one.marker and not one.marker.evaluate({"extra": asked}):
+        one, extra_of = waiting.pop()
+        if one.marker and not one.marker.evaluate({"extra": extra_of}):
             continue
         name = canonicalize_name(one.name)
         if name == "upplied":
             waiting += [(Requirement(text), "") for extra in one.extras for text in EXTRAS[extra]]
             continue
-        for extra in ({""} | one.extras) - {of for known, of in found if known == name}:
-            found.add((name, extra))
+        for extra in ({""} | one.extras) - {of for known, of in extras if known == name}:
+            extras.add((name, extra))
             waiting += [(Requirement(text), extra) for text in metadata.requires(name) or ()]
-    return {name for name, _ in found}
+    return {name for name, _ in extras}
 
 
 def test_the_lock_that_runs_is_a_part_of_that_of_development_and_whole():
@@ -161,11 +161,11 @@ def test_the_lock_that_runs_is_a_part_of_that_of_development_and_whole():
 @pytest.mark.ci
 def test_what_is_told_of_the_size_of_an_install_is_its_size():
     """From the lists of their files, which leave out the byte code that is written when they are unpacked."""
-    told = float(re.search(r"([\d.]+) GB unpacked into .venv", (ROOT / "Makefile").read_text())[1])
+    size_gb = float(re.search(r"([\d.]+) GB unpacked into .venv", (ROOT / "Makefile").read_text())[1])
     names = installed(PROJECT["dependencies"] + EXTRAS["service"])
     size = sum(file.size or 0 for name in names for file in metadata.files(name) or ())
-    assert 0.8 * told < size / 1e9 < 1.1 * told, size
-    assert f"{told:g} GB unpacked" in (ROOT / "README.md").read_text()
+    assert 0.8 * size_gb < size / 1e9 < 1.1 * size_gb, size
+    assert f"{size_gb:g} GB unpacked" in (ROOT / "README.md").read_text()
 
 
 def test_every_room_of_tests_has_its_command_and_no_test_has_a_stop_watch():

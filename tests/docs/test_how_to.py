@@ -45,9 +45,9 @@ NOT_RUN = {
 def blocks(page: str) -> list[tuple[str, str]]:
     """Language and text of each block of a page."""
     text = (DOCS / page).read_text(encoding="utf-8")
-    found = re.findall(r"^( *)```(\w+)\n(.*?)^ *```", text, re.DOTALL | re.MULTILINE)
+    matches = re.findall(r"^( *)```(\w+)\n(.*?)^ *```", text, re.DOTALL | re.MULTILINE)
     return [
-        (language, re.sub(rf"^{indent}", "", body, flags=re.MULTILINE)) for indent, language, body in found
+        (language, re.sub(rf"^{indent}", "", body, flags=re.MULTILINE)) for indent, language, body in matches
     ]
 
 
@@ -134,9 +134,11 @@ def test_blocks_of_the_how_to_pages_run(place, page, at):
         goal = names.get(page.removeprefix("how-to/"), "structures.toml")
         (place / goal).write_text(text, encoding="utf-8")
     elif language == "yaml":
-        given = yaml.safe_load(text)["parameters"]
-        transfer_fleet.validate_parameters(given)
-        assert (place / given["manifest"]).is_file() and all((place / log).is_dir() for log in given["logs"])
+        values = yaml.safe_load(text)["parameters"]
+        transfer_fleet.validate_parameters(values)
+        assert (place / values["manifest"]).is_file() and all(
+            (place / log).is_dir() for log in values["logs"]
+        )
     elif language == "python":
         before = [body for other, body in blocks(page)[:at] if other == "python"]
         exec("\n".join([*before, text]), {})

@@ -68,23 +68,23 @@ def declared(texts: list[str]) -> set[str]:
 
 def imported(*folders: str) -> dict[str, set[str]]:
     """The files that import each top-level package from elsewhere."""
-    found: dict[str, set[str]] = {}
+    files: dict[str, set[str]] = {}
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         for top in packages(path) - sys.stdlib_module_names:
-            found.setdefault(top, set()).add(path.relative_to(ROOT).as_posix())
-    return found
+            files.setdefault(top, set()).add(path.relative_to(ROOT).as_posix())
+    return files
 
 
 @cache
 def packages(path: Path) -> set[str]:
     """Top-level packages that a file imports."""
-    found: set[str] = set()
+    names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name.split(".")[0] for alias in node.names}
+            names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            found.add(str(node.module).split(".")[0])
-    return found
+            names.add(str(node.module).split(".")[0])
+    return names
 
 
 def distributions(module: str) -> set[str]:
@@ -121,15 +121,15 @@ def test_what_the_package_imports_is_declared_where_it_is_needed() -> None:
 
 
 def test_flows_import_what_the_extra_fleet_brings() -> None:
-    brought = declared(PROJECT["dependencies"] + EXTRAS["fleet"] + EXTRAS["dask"] + EXTRAS["ray"])
+    ours = declared(PROJECT["dependencies"] + EXTRAS["fleet"] + EXTRAS["dask"] + EXTRAS["ray"])
     for module, files in imported("flows").items():
-        assert module in ("upplied", "flows") or distributions(module) & brought, (module, files)
+        assert module in ("upplied", "flows") or distributions(module) & ours, (module, files)
 
 
 def test_what_developers_install_brings_every_extra_that_runs_here() -> None:
     own = [Requirement(text) for text in EXTRAS["dev"] if Requirement(text).name == "upplied"]
-    brought = {name for one in own for name in one.extras}
-    assert {"plan", "fleet", "formats", "export", "dask"} <= brought
+    names = {name for one in own for name in one.extras}
+    assert {"plan", "fleet", "formats", "export", "dask"} <= names
 
 
 @pytest.mark.parametrize(

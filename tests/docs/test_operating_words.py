@@ -39,27 +39,27 @@ PREFECT = {
 
 def commands(program: str) -> list[tuple[str, str]]:
     """Page and words of each command that is told, in a block or within a sentence."""
-    found = []
+    lines = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        told = [
+        texts = [
             line.split(" #")[0].strip(" &")
             for block in re.findall(r"```(?:bash|sh|console)\n(.*?)```", text, re.DOTALL)
             for line in re.split(r"\n|&&|\$\(|\|", block.replace("\\\n", " "))
         ]
-        told += re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
-        for command in told:
+        texts += re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+        for command in texts:
             words = command.strip().rstrip(")").removeprefix("$ ")
             if words.startswith(f"{program} ") and "..." not in words and "{" not in words:
-                found.append((str(page.relative_to(ROOT)), words))
-    return found
+                lines.append((str(page.relative_to(ROOT)), words))
+    return lines
 
 
 def test_every_command_of_ours_that_is_told_is_understood():
-    told = commands("upplied")
-    assert len(told) > 80
+    lines = commands("upplied")
+    assert len(lines) > 80
     wrong = []
-    for page, command in told:
+    for page, command in lines:
         words = [word for word in shlex.split(command)[1:] if word != "--quiet"]
         group = app
         while words and words[0] in set(group):
@@ -79,9 +79,9 @@ def test_every_command_of_ours_that_is_told_is_understood():
 
 
 def test_every_command_of_prefects_that_is_told_is_one_that_tests_call():
-    told = commands("prefect")
-    assert len(told) >= 6
-    for page, command in told:
+    lines = commands("prefect")
+    assert len(lines) >= 6
+    for page, command in lines:
         words = shlex.split(command)[1:]
         plain = " ".join(word for word in words if not word.startswith("-"))
         (name,) = [name for name in PREFECT if f"{plain} ".startswith(f"{name} ")]
@@ -90,8 +90,8 @@ def test_every_command_of_prefects_that_is_told_is_one_that_tests_call():
 
 def test_parameters_that_are_told_are_there():
     parameters = set(inspect.signature(transfer_fleet.fn).parameters)
-    given = set(re.findall(r"--param (\w+)=", WORDS))
-    assert given >= {"manifest", "logs", "presets", "catalog", "resources"} and given <= parameters
+    names = set(re.findall(r"--param (\w+)=", WORDS))
+    assert names >= {"manifest", "logs", "presets", "catalog", "resources"} and names <= parameters
     of_resources = set(re.findall(r"resources\.(\w+)", WORDS)) | set(
         re.findall(r'"(\w+)": "(?:pool|dask|tcp)', WORDS)
     )
@@ -115,7 +115,7 @@ def test_variables_that_are_told_are_read_somewhere():
 
 def prefects() -> set[str]:
     """The names of all settings that this Prefect knows: a wrong one changes nothing, and says nothing."""
-    found = set()
+    names = set()
 
     def look(model, prefix: str) -> None:
         for name, item in model.model_fields.items():
@@ -124,12 +124,12 @@ def prefects() -> set[str]:
                     item.annotation,
                     item.annotation.model_config.get("env_prefix", f"{prefix}{name.upper()}_"),
                 )
-            found.add(f"{prefix}{name}".upper())
+            names.add(f"{prefix}{name}".upper())
             aliases = getattr(item.validation_alias, "choices", ())
-            found.update(str(alias).upper() for alias in aliases)
+            names.update(str(alias).upper() for alias in aliases)
 
     look(Settings, "PREFECT_")
-    return found
+    return names
 
 
 SILENCE = f"{automations.SILENCE_S} s"
@@ -138,7 +138,7 @@ PORT = inspect.signature(serve_command).parameters["port"].default
 
 
 @pytest.mark.parametrize(
-    "said",
+    "phrase",
     [
         f"`transfer-fleet` runs at {int(HOUR):02}:{int(MINUTE):02} UTC",
         f"http://127.0.0.1:{PORT}>",
@@ -161,13 +161,13 @@ PORT = inspect.signature(serve_command).parameters["port"].default
         "every Sunday at 05:00 UTC",
     ],
 )
-def test_figures_and_names_are_those_of_the_code(said):
-    assert said in WORDS
+def test_figures_and_names_are_those_of_the_code(phrase):
+    assert phrase in WORDS
 
 
 def test_figures_of_prefects_settings_are_those_that_are_set():
-    kept = int(environment.SETTINGS["PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD"])
-    assert kept == timedelta(days=30).total_seconds()
+    seconds = int(environment.SETTINGS["PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD"])
+    assert seconds == timedelta(days=30).total_seconds()
     assert sum(2**n for n in range(1, int(environment.SETTINGS["PREFECT_CLIENT_MAX_RETRIES"]) + 1)) >= 120
     assert Resources().most_lost == 0.5
     assert (tasks.STORED["retries"], tasks.STORED["retry_delay_seconds"](3)) == (3, [2, 4, 8])
@@ -181,7 +181,7 @@ def test_figures_of_prefects_settings_are_those_that_are_set():
 def test_states_and_columns_that_are_told_are_there():
     rows = re.findall(r"^\| `(\w+)` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert rows == ["Completed", states.TROUBLED, "Failed", "Crashed", "Cancelled"]
-    told = re.search(r"for each run that ends ((?:`\w+`,? ?(?:or )?)+)", WORDS)[1]
-    assert set(re.findall(r"`(\w+)`", told)) == set(automations.TROUBLE)
+    words = re.search(r"for each run that ends ((?:`\w+`,? ?(?:or )?)+)", WORDS)[1]
+    assert set(re.findall(r"`(\w+)`", words)) == set(automations.TROUBLE)
     (column,) = re.findall(r"Column `(\w+)` of `transfers`", WORDS)
     assert column in TABLES["transfers"].names

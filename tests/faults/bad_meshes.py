@@ -56,16 +56,16 @@ class Odd:
     rule: str
     vertices: Floats
     triangles: Ints
-    said: dict
+    entry: dict
     suffix: str = "obj"
     edit: Callable[[str], str] = str
 
 
 def box(size: tuple[float, float, float], at: tuple[float, float, float] = (0, 0, 0)) -> trimesh.Trimesh:
     """A box about a place."""
-    made = trimesh.creation.box(size)
-    made.apply_translation(at)
-    return made
+    mesh = trimesh.creation.box(size)
+    mesh.apply_translation(at)
+    return mesh
 
 
 def odd_alone() -> Iterator[Odd]:
@@ -76,25 +76,25 @@ def odd_alone() -> Iterator[Odd]:
     wake = trimesh.Trimesh([[-9, -1, -2], [-90, -9, -2], [-90, 9, -2]], [[0, 1, 2]])
     trail = trimesh.util.concatenate([house, wake])
 
-    def made(rule: str, mesh: trimesh.Trimesh, **said: object) -> Odd:
-        suffix, edit = str(said.pop("suffix", "obj")), said.pop("edit", str)
-        return Odd(rule, np.asarray(mesh.vertices), np.asarray(mesh.faces), said, suffix, edit)  # type: ignore[arg-type]
+    def odd(rule: str, mesh: trimesh.Trimesh, **entry: object) -> Odd:
+        suffix, edit = str(entry.pop("suffix", "obj")), entry.pop("edit", str)
+        return Odd(rule, np.asarray(mesh.vertices), np.asarray(mesh.faces), entry, suffix, edit)  # type: ignore[arg-type]
 
-    yield made("nominal", house, nominal_m=(20.0, None, None))
-    yield made("extent", house, unit_m=1000.0)
-    yield made("odd-extent", house, unit_m=300.0)
-    yield made("declared-unit", house, suffix="glb", unit_m=0.5, up="y", forward="z")
-    yield made("declared-up", house, suffix="glb", up="z", forward="x")
-    yield made("far", box((10, 6, 4), (50_000, 0, 0)))
-    yield made("below-ground", house, surroundings=ground)
-    yield made("effects", house, edit=lambda text: text.replace("\nf ", "\no ship_wake\nf ", 1))
-    yield made("landmark", house, landmarks={"nose": (50.0, 0.0, 0.0)})
-    yield made("hidden", inside)
-    yield made("outlier", trail)
+    yield odd("nominal", house, nominal_m=(20.0, None, None))
+    yield odd("extent", house, unit_m=1000.0)
+    yield odd("odd-extent", house, unit_m=300.0)
+    yield odd("declared-unit", house, suffix="glb", unit_m=0.5, up="y", forward="z")
+    yield odd("declared-up", house, suffix="glb", up="z", forward="x")
+    yield odd("far", box((10, 6, 4), (50_000, 0, 0)))
+    yield odd("below-ground", house, surroundings=ground)
+    yield odd("effects", house, edit=lambda text: text.replace("\nf ", "\no ship_wake\nf ", 1))
+    yield odd("landmark", house, landmarks={"nose": (50.0, 0.0, 0.0)})
+    yield odd("hidden", inside)
+    yield odd("outlier", trail)
 
 
 def entry_of(odd: Odd, folder: Path, data: bytes) -> StructureEntry:
     """The entry of an odd file that is written into a folder."""
     path = folder / f"odd.{odd.suffix}"
     path.write_bytes(odd.edit(data.decode()).encode() if odd.suffix == "obj" else data)
-    return StructureEntry("odd", "thing", path, **({"unit_m": 1.0} | odd.said))
+    return StructureEntry("odd", "thing", path, **({"unit_m": 1.0} | odd.entry))

@@ -30,20 +30,20 @@ def write(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:
     """Add plans; note those that were acknowledged, after they were. Every fourth batch is everybody's."""
     rng = np.random.default_rng(seed)
     notes = os.open(place / f"acknowledged-{seed}", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    done = 0
+    number_written = 0
 
     def once() -> None:
-        nonlocal done
-        owner = "shared" if done % 4 == 3 else seed
-        number = int(rng.integers(40)) if owner == "shared" else done
+        nonlocal number_written
+        owner = "shared" if number_written % 4 == 3 else seed
+        number = int(rng.integers(40)) if owner == "shared" else number_written
         batch = []
         for at in range(BATCH):
             name = f"t-{owner}-{number}-{at}"
-            made = replace(plan(name, number, POINTS), surface=None)
-            batch.append((key_of(name), made, {"run_id": f"writer-{seed}"}))
+            record = replace(plan(name, number, POINTS), surface=None)
+            batch.append((key_of(name), record, {"run_id": f"writer-{seed}"}))
         catalog.add_plans(batch)
         os.write(notes, "".join(f"{key}\n" for key, _, _ in batch).encode())
-        done += 1
+        number_written += 1
 
     return once
 
@@ -55,11 +55,11 @@ def read(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:
 
     def once() -> None:
         nonlocal rows, published, reads
-        found = catalog.transfers(columns=["key", "transfer_id", "n_waypoints"])
-        assert len(found) >= rows, f"{len(found)} rows after {rows}"
-        assert found["key"].is_unique
-        rows = len(found)
-        for name in rng.choice(found["transfer_id"], min(3, rows), replace=False):
+        rows_now = catalog.transfers(columns=["key", "transfer_id", "n_waypoints"])
+        assert len(rows_now) >= rows, f"{len(rows_now)} rows after {rows}"
+        assert rows_now["key"].is_unique
+        rows = len(rows_now)
+        for name in rng.choice(rows_now["transfer_id"], min(3, rows), replace=False):
             assert len(catalog.waypoints(name)) == POINTS
         if (place / "reports" / "tables" / "current").exists():
             transfers, points = published_ids(place / "reports")

@@ -49,8 +49,8 @@ def replay(data: bytes, folder: Path) -> str:
             read_manifest(manifest)
         else:
             (folder / "fuzz.mcap").write_bytes(content)
-            found = read_demonstration(folder / "fuzz.mcap", options)
-            assert len(found) >= 2 and (found.t_ns[1:] > found.t_ns[:-1]).all()
+            demonstration = read_demonstration(folder / "fuzz.mcap", options)
+            assert len(demonstration) >= 2 and (demonstration.t_ns[1:] > demonstration.t_ns[:-1]).all()
     except UppliedError as error:
         return str(error)
     return ""
@@ -81,7 +81,7 @@ def main() -> None:
         import upplied.inputs.manifests  # noqa: F401
     warnings.simplefilter("error")
     arguments.findings.mkdir(parents=True, exist_ok=True)
-    found: dict[str, int] = {}
+    failures: dict[str, int] = {}
     with tempfile.TemporaryDirectory() as name:
         folder, corpus = Path(name), Path(name) / "corpus"
         corpus.mkdir()
@@ -96,8 +96,8 @@ def main() -> None:
                 frames = [f for f in traceback.extract_tb(error.__traceback__) if "upplied" in f.filename]
                 where = frames[-1] if frames else place
                 key = f"{type(error).__name__} in {Path(where.filename).name}:{where.lineno}"
-                found[key] = found.get(key, 0) + 1
-                if found[key] == 1:
+                failures[key] = failures.get(key, 0) + 1
+                if failures[key] == 1:
                     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
                     (arguments.findings / digest).write_bytes(data)
                     (arguments.findings / f"{digest}.txt").write_text(key + "\n" + traceback.format_exc())

@@ -49,8 +49,8 @@ class Stage:
         self.kills: Counter[str] = Counter()
 
     def start(self, role: str, number: int) -> None:
-        said = (role, str(self.place), next(self.seeds))
-        process = self.context.Process(target=catalog_actors.act, args=said)
+        arguments = (role, str(self.place), next(self.seeds))
+        process = self.context.Process(target=catalog_actors.act, args=arguments)
         process.start()
         self.running[role, number] = process
 
@@ -106,16 +106,16 @@ def test_nothing_acknowledged_is_lost(tmp_path, capsys, kills, every_s):
     troubles = [path.read_text() for path in tmp_path.glob("trouble-*")]
     assert not troubles, troubles[0]
     catalog = open_catalog(tmp_path / "catalog")
-    found = catalog.transfers(every=True)
+    rows = catalog.transfers(every=True)
     notes = [path.read_text() for path in tmp_path.glob("acknowledged-*")]
     acknowledged = {key for note in notes for key in note.split("\n")[:-1]}
-    held = Counter(found["key"])
+    times_stored = Counter(rows["key"])
     reads = [json.loads(path.read_text()) for path in tmp_path.glob("reads-*")]
     counts = {
         "kills": dict(stage.kills),
         "acknowledged": len(acknowledged),
-        "lost": len(acknowledged - set(held)),
-        "twice": sum(count > 1 for count in held.values()),
+        "lost": len(acknowledged - set(times_stored)),
+        "twice": sum(count > 1 for count in times_stored.values()),
         "reads": sum(read["reads"] for read in reads),
         "published rows seen": max(read["published"] for read in reads),
     }
@@ -125,9 +125,9 @@ def test_nothing_acknowledged_is_lost(tmp_path, capsys, kills, every_s):
     assert counts["acknowledged"] > kills
     assert counts["reads"] > 3
     assert sum(stage.kills.values()) == kills
-    assert [found for found in verify(catalog) if "is not in" not in found.found] == []  # no structures here
+    assert [each for each in verify(catalog) if "is not in" not in each.found] == []  # no structures here
     compact(catalog)
-    assert export_tables(catalog, tmp_path / "reports")["transfers"] == len(held)
+    assert export_tables(catalog, tmp_path / "reports")["transfers"] == len(times_stored)
 
 
 def filled(place: Path) -> dict[str, int]:
@@ -191,10 +191,10 @@ def test_a_full_disk_is_said_and_changes_nothing(tmp_path, what):
     open_catalog(tmp_path / "catalog").add_plans([(key_of("large"), plan("boxy", 9, 3000), {})])
     before = rows(tmp_path / "catalog")
     published = files_of(tmp_path / "reports")
-    done = in_a_child(WRITES[what], tmp_path / "catalog", NO_SPACE)
-    assert done.returncode == 1
-    assert done.stderr.startswith("told: "), done.stderr
-    assert "free" in done.stderr.lower()
+    child = in_a_child(WRITES[what], tmp_path / "catalog", NO_SPACE)
+    assert child.returncode == 1
+    assert child.stderr.startswith("told: "), child.stderr
+    assert "free" in child.stderr.lower()
     assert rows(tmp_path / "catalog") == before
     assert files_of(tmp_path / "reports") == published
     if what == "plans":
@@ -208,9 +208,9 @@ def test_a_full_disk_is_said_and_changes_nothing(tmp_path, what):
 def test_a_read_only_folder_is_said_and_can_be_read(open_place, what):
     before = filled(open_place / "catalog")
     everyone_may_look(open_place)
-    done = in_a_child(WRITES[what], open_place / "catalog", NOBODY)
-    assert done.returncode == 1
-    assert done.stderr.startswith("told: "), done.stderr
+    child = in_a_child(WRITES[what], open_place / "catalog", NOBODY)
+    assert child.returncode == 1
+    assert child.stderr.startswith("told: "), child.stderr
     assert rows(open_place / "catalog") == before
     read = in_a_child("assert len(catalog.waypoints(key_of(1)[:20])) == 60", open_place / "catalog", NOBODY)
     assert read.returncode == 0, read.stderr
@@ -222,9 +222,9 @@ def test_a_folder_that_may_not_be_read_is_not_taken_for_an_empty_one(open_place)
     filled(open_place / "catalog")
     everyone_may_look(open_place)
     (open_place / "catalog" / "transfers").chmod(0o700)
-    done = in_a_child("catalog.transfers()", open_place / "catalog", NOBODY)
-    assert done.stderr.startswith("told: "), done.stderr
-    assert "transfers" in done.stderr
+    child = in_a_child("catalog.transfers()", open_place / "catalog", NOBODY)
+    assert child.stderr.startswith("told: "), child.stderr
+    assert "transfers" in child.stderr
 
 
 @pytest.fixture
@@ -252,19 +252,21 @@ def test_processes_that_read_end_well(tmp_path, count):
     """An abort at exit hits about one process in seven where it hits at all, so many are asked."""
     filled(tmp_path / "catalog")
     with ThreadPoolExecutor(4) as pool:
-        done = list(pool.map(lambda _: in_a_child("catalog.transfers()", tmp_path / "catalog"), range(count)))
-    assert [child.returncode for child in done] == [0] * count, done[0].stderr
+        children = list(
+            pool.map(lambda _: in_a_child("catalog.transfers()", tmp_path / "catalog"), range(count))
+        )
+    assert [child.returncode for child in children] == [0] * count, children[0].stderr
 
 
 def test_a_table_that_another_writer_makes_meanwhile_is_found(tmp_path, monkeypatch):
     open_catalog(tmp_path).add_structures([structure("a")])
     looked = []
 
-    def late(*given):
-        looked.append(given)
+    def late(*arguments):
+        looked.append(arguments)
         if len(looked) == 1:  # what a look finds in the moment before the other's first commit
             raise TableNotFoundError("no log files")
-        return DeltaTable(*given)
+        return DeltaTable(*arguments)
 
     monkeypatch.setattr(opening, "DeltaTable", late)
     assert list(open_catalog(tmp_path).structures()["structure_id"]) == ["a"]

@@ -136,9 +136,9 @@ def test_a_killed_process_costs_little_and_the_next_run_goes_on(tmp_path, victim
     assert len(fleet.decide(catalog, REQUEST).jobs) == 10 - before
 
     again = start(script, catalog, "second")
-    told, _ = again.communicate(timeout=120)
+    output, _ = again.communicate(timeout=120)
     assert again.returncode == 0
-    assert len(told.split()) == 10 - before  # nothing that was kept is planned again
+    assert len(output.split()) == 10 - before  # nothing that was kept is planned again
     rows = catalog.transfers(every=True)
     assert len(rows) == len(rows["key"].unique()) == 10
     assert rows.groupby("run_id").size().to_dict() == {"first": before, "second": 10 - before}

@@ -7,27 +7,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import slow_after
-from made_flights import FAULTS, NAMED, Made, right
+from made_flights import FAULTS, NAMED, Log, right
 
 from upplied.errors import UppliedError
 from upplied.inputs.logs import LogOptions, read_demonstration
 
 
-def verdict(log: Made, path: Path) -> tuple[str, str]:
+def verdict(log: Log, path: Path) -> tuple[str, str]:
     """What is said of a log: "refused" and why, or the verdict and the rules it breaks."""
     try:
-        found = read_demonstration(log.write(path), LogOptions(), structures=lambda _: log.structure)
+        demonstration = read_demonstration(log.write(path), LogOptions(), structures=lambda _: log.structure)
     except UppliedError as error:
         return "refused", str(error)
-    said = " ".join(item["rule"] for item in found.passport["findings"])
-    return str(found.passport["verdict"]), said
+    rules = " ".join(item["rule"] for item in demonstration.passport["findings"])
+    return str(demonstration.passport["verdict"]), rules
 
 
 def caught(fault: str, number: int, path: Path) -> bool:
     """Whether the log of this number with this fault is refused, or its fault is named."""
     log = FAULTS[fault](right(number), np.random.default_rng([number, 11]))
-    what, said = verdict(log, path)
-    return what == "refused" or (fault in NAMED and NAMED[fault] in said)
+    what, rules = verdict(log, path)
+    return what == "refused" or (fault in NAMED and NAMED[fault] in rules)
 
 
 # tests/inputs/test_passport.py shows with what words these are refused.
@@ -56,9 +56,9 @@ def test_of_500_wrong_logs_98_percent_are_refused_or_named(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_of_200_right_logs_one_percent_is_refused_at_most(tmp_path: Path) -> None:
     refused = [
-        (number, said)
+        (number, rules)
         for number in range(200)
-        for what, said in [verdict(right(number), tmp_path / "a.mcap")]
+        for what, rules in [verdict(right(number), tmp_path / "a.mcap")]
         if what == "refused"
     ]
     assert len(refused) <= 2, refused

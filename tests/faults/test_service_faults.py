@@ -34,15 +34,15 @@ def test_a_run_outlives_its_server(tmp_path):
         served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
         served.wait(lambda: len(served.catalog.transfers()) > 0, 300)
         (running,) = [run for run in served.runs() if run.state == "RUNNING"]
-        kept = len(served.catalog.transfers())
+        before = len(served.catalog.transfers())
         served.kill("uvicorn", away_s=60)
         served.wait(lambda: finished(served, "transfer-fleet"), 600)
         runs = served.runs()
     (ended,) = [run for run in runs if run.run_id == running.run_id]
     rows = served.catalog.transfers(every=True)
-    assert kept < PLANS, "it was killed too late to show anything"
+    assert before < PLANS, "it was killed too late to show anything"
     assert ended.state == "COMPLETED", runs
-    assert ended.said.startswith(f"{(rows['status'] == 'ok').sum()} ok"), runs
+    assert ended.message.startswith(f"{(rows['status'] == 'ok').sum()} ok"), runs
     assert "CRASHED" not in {run.state for run in runs}, runs
     assert len(rows) == len(rows["key"].unique()) == PLANS
     assert set(rows["run_id"]) == {running.run_id}, "another run planned what this one lost"
@@ -52,13 +52,13 @@ def test_a_killed_worker_is_started_again_and_nothing_that_was_kept_is_planned_t
     with service(tmp_path, "* * * * *", presets=QUICK) as served:
         served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
         served.wait(lambda: len(served.catalog.transfers()) > 0, 300)
-        kept = len(served.catalog.transfers())
+        before = len(served.catalog.transfers())
         served.kill("worker start")
         served.wait(lambda: len(served.catalog.transfers()) == PLANS, 600)
         served.wait(lambda: finished(served, "transfer-fleet"), 600)
         runs = served.runs()
     rows = served.catalog.transfers(every=True)
-    assert kept < PLANS, "it was killed too late to show anything"
+    assert before < PLANS, "it was killed too late to show anything"
     assert len(rows) == len(rows["key"].unique()) == PLANS, runs
     assert len(set(rows["run_id"])) <= 2, "the second run should plan what the first left, and no third"
     assert not planners_in(tmp_path), "planners outlived the service"
@@ -71,15 +71,15 @@ def test_a_killed_flow_is_marked_by_its_worker_and_the_next_night_goes_on(tmp_pa
         (running,) = [run for run in served.runs() if run.state == "RUNNING"]
         served.kill("prefect.engine")
         served.wait(lambda: finished(served, "transfer-fleet", "CRASHED"), 120)
-        kept = len(served.catalog.transfers())
+        before = len(served.catalog.transfers())
         served.wait(lambda: finished(served, "transfer-fleet"), 600)
         (crashed,) = [run for run in served.runs() if run.state == "CRASHED"]
     rows = served.catalog.transfers(every=True)
     assert crashed.run_id == running.run_id
-    assert "-9" in crashed.said
-    assert kept < PLANS, "it was killed too late to show anything"
+    assert "-9" in crashed.message
+    assert before < PLANS, "it was killed too late to show anything"
     assert len(rows) == len(rows["key"].unique()) == PLANS
-    assert rows.groupby("run_id").size()[running.run_id] == kept
+    assert rows.groupby("run_id").size()[running.run_id] == before
 
 
 def test_overlapping_nights_are_prevented_and_missed_ones_do_not_pile_up(tmp_path):
@@ -106,7 +106,9 @@ def test_overlapping_nights_are_prevented_and_missed_ones_do_not_pile_up(tmp_pat
     runs = [run for run in every if run.run_id not in before]
     missed = [run for run in runs if stopped < run.due < started]
     assert len(missed) >= 3, "Prefect did not remember the nights that were missed, so nothing was shown"
-    worked = [run for run in runs if run.state == "COMPLETED" and not run.said.startswith("0 ok, 0 refused")]
+    worked = [
+        run for run in runs if run.state == "COMPLETED" and not run.message.startswith("0 ok, 0 refused")
+    ]
     assert len(worked) == 1, runs
     assert {run.state for run in runs} <= {"COMPLETED", "CANCELLED"}, runs
     flown = sorted((run.began, run.ended) for run in every if run.state == "COMPLETED")
@@ -144,7 +146,7 @@ def test_after_a_power_cut_the_next_night_starts_by_itself_and_publishes(tmp_pat
         served.wait(lambda: len(served.catalog.transfers()) > 0, 300)  # the run of this minute is at work
         (running,) = [run for run in served.runs() if run.state == "RUNNING"]
         served.cut_the_power()
-        kept = len(served.catalog.transfers())
+        before = len(served.catalog.transfers())
         restarted = time.time()
         served.start()
         served.wait(lambda: finished(served, "transfer-fleet"), 900)
@@ -153,7 +155,7 @@ def test_after_a_power_cut_the_next_night_starts_by_itself_and_publishes(tmp_pat
         overlapping = finished(served, "transfer-fleet", "CANCELLED")
     rows = served.catalog.transfers(every=True)
     assert night - restarted < 600, "the slot was not free again, however long the planning then took"
-    assert kept < PLANS, "the power was cut too late to show anything"
+    assert before < PLANS, "the power was cut too late to show anything"
     assert len(rows) == len(rows["key"].unique()) == PLANS
     assert overlapping >= 1, "runs that found the slot taken were not cancelled"
     tables = {name: pd.read_parquet(path) for name, path in published_tables(tmp_path / "reports").items()}

@@ -52,12 +52,12 @@ def test_a_stopped_drill_leaves_nothing_alive(tmp_path, drill, sign):
         "--basetemp",
         tmp_path / "drill",
     ]
-    with (tmp_path / "said").open("wb") as said:
+    with (tmp_path / "said").open("wb") as output:
         running = subprocess.Popen(
             [sys.executable, *words],
             env=os.environ | {MARK: mark},
-            stdout=said,
-            stderr=said,
+            stdout=output,
+            stderr=output,
             start_new_session=True,
             preexec_fn=end_with_parent,
         )

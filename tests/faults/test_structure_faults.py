@@ -61,43 +61,43 @@ def refused(verdicts: tuple) -> list[str]:
 @pytest.mark.parametrize("mistake", bad_meshes.SIZES)
 def test_a_structure_in_another_unit_never_passes_in_silence(kind: str, mistake: str) -> None:
     wrong = bad_meshes.scaled(known()[KINDS[kind]], bad_meshes.SIZES[mistake])
-    found = among(wrong)
-    assert found, mistake
+    verdicts = among(wrong)
+    assert verdicts, mistake
     if mistake in bad_meshes.SURELY:
-        assert set(refused(found)) & {"size", "units"}
-        assert "looks like" in str(found[0])
+        assert set(refused(verdicts)) & {"size", "units"}
+        assert "looks like" in str(verdicts[0])
 
 
 def test_millimetres_are_named_with_the_figure() -> None:
-    (found,) = among(bad_meshes.scaled(known()["b777-v1"], 1000))
-    assert found.rule == "size" and "looks like mm read as m: units = mm?" in found.found
-    assert "times larger than every airliner here (b747-v1" in found.found
+    (verdict,) = among(bad_meshes.scaled(known()["b777-v1"], 1000))
+    assert verdict.rule == "size" and "looks like mm read as m: units = mm?" in verdict.found
+    assert "times larger than every airliner here (b747-v1" in verdict.found
 
 
 @pytest.mark.parametrize("kind", slow_after(1, KINDS))
 @pytest.mark.parametrize("side", bad_meshes.SIDES)
 def test_a_structure_on_its_side_is_refused_and_the_right_axes_named(kind: str, side: str) -> None:
     turn = bad_meshes.SIDES[side]
-    found = among(bad_meshes.on_its_side(known()[KINDS[kind]], turn))
-    assert "up-axis" in refused(found), found
-    verdict = next(one for one in found if one.rule == "up-axis")
+    verdicts = among(bad_meshes.on_its_side(known()[KINDS[kind]], turn))
+    assert "up-axis" in refused(verdicts), verdicts
+    verdict = next(one for one in verdicts if one.rule == "up-axis")
     true_up = ("-" if turn[:, 2].sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(turn[:, 2])))]
     assert f"declare up = '{true_up}'" in verdict.remedy
 
 
 def test_members_of_a_kind_that_may_lie_either_way_are_warned_of_and_not_refused() -> None:
     boxes = [Member(f"b{n}", "box", shape_of(random_member("box", n).structure)) for n in range(5)]
-    found = [judged(one, boxes[:number], BOUNDS) for number, one in enumerate(boxes)]
-    assert not [name for one in found for name in refused(one)], found
-    assert "odd-up-axis" in [verdict.rule for one in found for verdict in one]
+    verdicts = [judged(one, boxes[:number], BOUNDS) for number, one in enumerate(boxes)]
+    assert not [name for one in verdicts for name in refused(one)], verdicts
+    assert "odd-up-axis" in [verdict.rule for one in verdicts for verdict in one]
 
 
 @pytest.mark.parametrize("name", ["yacht-1-v1", "turbine-2-v1", "cruise-v1"])
 def test_a_structure_of_another_kind_is_warned_of(name: str) -> None:
     wrong = replace(known()[name], structure_id="other")
-    found = among(wrong, "airliner")
-    assert "kind" in [verdict.rule for verdict in found]
-    assert known()[name].kind in next(one.found for one in found if one.rule == "kind")
+    verdicts = among(wrong, "airliner")
+    assert "kind" in [verdict.rule for verdict in verdicts]
+    assert known()[name].kind in next(one.found for one in verdicts if one.rule == "kind")
 
 
 @pytest.mark.parametrize("name", [one.structure_id for one in sample_structures()])
@@ -110,8 +110,8 @@ def test_a_tail_for_a_nose_is_warned_of_and_not_where_no_heading_is_declared() -
     back = bad_meshes.on_its_side(known()["b777-v1"], np.diag([-1.0, -1.0, 1.0]))
     new = Member("back", "airliner", shape_of(back))
     others = [member(name) for name in known()]
-    found = judged(new, others, BOUNDS)
-    assert [one.rule for one in found] == ["forward-axis"] and "forward = '-x'" in found[0].remedy
+    verdicts = judged(new, others, BOUNDS)
+    assert [one.rule for one in verdicts] == ["forward-axis"] and "forward = '-x'" in verdicts[0].remedy
     assert not judged(new, others, BOUNDS, symmetric=True)
 
 
@@ -144,12 +144,14 @@ def test_a_model_that_stands_on_another_side_than_its_lower_one_is_told(tmp_path
     box = trimesh.creation.box((12.0, 9.0, 7.0))
     box.apply_translation([0, 0, 3.5])
     turn = np.diag([1, -1, -1]) if up == "-z" else np.array(ORIGINS[up])
-    for axes, told in ((turn, up), (np.eye(3, dtype=int), "")):
+    for axes, axis in ((turn, up), (np.eye(3, dtype=int), "")):
         path = tmp_path / "box.ply"
         trimesh.Trimesh(box.vertices @ axes, box.faces, process=False).export(path)
         entry = StructureEntry("box", "box", path, 1.0)
-        found = [one for one in from_json(read_structure(entry).verdicts_json) if one.rule == "odd-up-axis"]
-        assert (f"up = {told!r}" in found[0].found) if told else not found
+        verdicts = [
+            one for one in from_json(read_structure(entry).verdicts_json) if one.rule == "odd-up-axis"
+        ]
+        assert (f"up = {axis!r}" in verdicts[0].found) if axis else not verdicts
 
 
 def test_features_turn_as_their_samples_do() -> None:
@@ -174,9 +176,9 @@ def test_bounds_are_settings(tmp_path: Path) -> None:
     new, others = Member("x", "airliner", shape_of(wrong)), [member(name) for name in known()]
     assert refused(judged(new, others, BOUNDS)) == ["size"]
     assert "size" not in refused(judged(new, others, StructureSettings.changed(["structures.size_ratio=50"])))
-    for said in ("nothing=1", "size_ratio=x", "size_ratio=-1"):
+    for text in ("nothing=1", "size_ratio=x", "size_ratio=-1"):
         with pytest.raises(SettingsError):
-            StructureSettings.changed([said])
+            StructureSettings.changed([text])
 
 
 def test_units_and_odd_size_are_told_apart() -> None:
@@ -210,15 +212,17 @@ def test_wrong_ones_are_refused_right_ones_taken_and_what_is_overruled_is_stored
     manifest.write_text("id,kind,path,units,up,forward\n" + "\n".join(rows) + "\n")
     catalog = str(tmp_path / "catalog")
     checked = main(["structures", "check", str(manifest), "--json", "--workers", "1"])
-    told = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
-    assert checked == 1 and told["b747-v1"]["status"] == "failed"
+    by_name = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert checked == 1 and by_name["b747-v1"]["status"] == "failed"
     # Beside one a thousand times as large and a hull, no other of its form is of its size.
-    assert told["a320-v1"]["status"] == "odd" and "size-unconfirmed" in str(told["a320-v1"]["findings"])
-    assert told["yacht-1-v1"]["status"] == "odd" and "kind" in str(told["yacht-1-v1"]["findings"])
+    assert by_name["a320-v1"]["status"] == "odd" and "size-unconfirmed" in str(by_name["a320-v1"]["findings"])
+    assert by_name["yacht-1-v1"]["status"] == "odd" and "kind" in str(by_name["yacht-1-v1"]["findings"])
     assert main(["structures", "add", str(manifest), "--workers", "1", "--catalog", catalog]) == 1
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     assert (
-        "b747-v1" in said.err and "--allow extent --allow size" in said.err and "yacht-1-v1: kind" in said.out
+        "b747-v1" in output.err
+        and "--allow extent --allow size" in output.err
+        and "yacht-1-v1: kind" in output.out
     )
     assert main(["structures", "list", "--json", "--catalog", catalog]) == 0
     listed = {row["structure_id"]: row for row in json.loads(capsys.readouterr().out)}
@@ -249,10 +253,10 @@ def test_findings_reach_the_page() -> None:
     from upplied.inputs.rules import Verdict, to_json
     from upplied.outputs.display import display_mesh, structure_data
 
-    found = to_json([Verdict("odd-size", "warn", "it is 3 times as large", overruled=True)])
-    structure = replace(known()["yacht-1-v1"], verdicts_json=found)
-    said = structure_data(structure, display_mesh(structure))["findings"]
-    assert said == "odd-size: it is 3 times as large [overruled]"
+    verdicts = to_json([Verdict("odd-size", "warn", "it is 3 times as large", overruled=True)])
+    structure = replace(known()["yacht-1-v1"], verdicts_json=verdicts)
+    text = structure_data(structure, display_mesh(structure))["findings"]
+    assert text == "odd-size: it is 3 times as large [overruled]"
 
 
 @pytest.mark.parametrize(

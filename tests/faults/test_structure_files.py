@@ -31,12 +31,12 @@ def test_each_rule_is_broken_by_a_file_and_overruled_by_its_name(tmp_path: Path,
         with pytest.raises(InputError, match=f"--allow {odd.rule}"):
             read_structure(entry)
     else:
-        found = from_json(read_structure(entry).verdicts_json)
-        assert [one.rule for one in found] == [odd.rule] and not found[0].overruled
+        verdicts = from_json(read_structure(entry).verdicts_json)
+        assert [one.rule for one in verdicts] == [odd.rule] and not verdicts[0].overruled
         with pytest.raises(InputError, match=f"--allow {odd.rule}"):
             read_structure(replace(entry, strict=True))
-    kept = from_json(read_structure(replace(entry, allow=(odd.rule,), strict=True)).verdicts_json)
-    assert {one.rule for one in kept if one.overruled} == {odd.rule}
+    verdicts_allowed = from_json(read_structure(replace(entry, allow=(odd.rule,), strict=True)).verdicts_json)
+    assert {one.rule for one in verdicts_allowed if one.overruled} == {odd.rule}
 
 
 def test_every_rule_has_a_test_here() -> None:

@@ -67,8 +67,8 @@ def test_a_lost_process_costs_its_own_job_alone(culprit, timeout_s, reason):
         ThreadPoolExecutor(4) as threads,
     ):
         lost = threads.submit(workers.run, culprit)
-        kept = [threads.submit(workers.run, slow_square, n) for n in range(12)]
-        assert [job.result() for job in kept] == [n * n for n in range(12)]
+        handles = [threads.submit(workers.run, slow_square, n) for n in range(12)]
+        assert [job.result() for job in handles] == [n * n for n in range(12)]
         with pytest.raises(JobKilled, match=reason):
             lost.result()
 

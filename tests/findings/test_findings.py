@@ -98,9 +98,9 @@ def filled(tmp_path_factory):
         catalog, flight_of(catalog, "past"), photos, folder / "times.csv", by="Ada"
     )
     assert (new, refused) == (5, [])
-    made = add_marks(catalog, [Mark("it", "P2.png", square(10.0, 0.2), class_name="crack")], "Ada")
-    assert made.new == 1
-    return catalog, folder, made.ids[0]
+    marks = add_marks(catalog, [Mark("it", "P2.png", square(10.0, 0.2), class_name="crack")], "Ada")
+    assert marks.new == 1
+    return catalog, folder, marks.ids[0]
 
 
 @pytest.fixture
@@ -186,8 +186,8 @@ def test_a_finding_in_the_corner_of_a_distorted_photo_lies_where_its_lens_saw_it
     plain = pixels_of(CAMERA, path.positions[at], path.quat_xyzw[at], corner[None])[0]
     assert np.linalg.norm(plain - pixel) > 30
     mark = Mark("it", flight="past", t_s=at * 0.5, pixels=(tuple(pixel.tolist()),))
-    made = add_marks(stored, [mark], "Ada")
-    row = stored.finding(made.ids[0])
+    marks = add_marks(stored, [mark], "Ada")
+    row = stored.finding(marks.ids[0])
     assert [row["x_m"], row["y_m"], row["z_m"]] == pytest.approx(corner, abs=1e-4)
     (look,) = looks_at_spot(stored, spot_of(row))  # the finest moment of a flight without photos
     seen = look.row
@@ -266,8 +266,8 @@ def test_the_same_mark_again_adds_nothing_and_states_are_a_history(filled, tmp_p
 )  # fmt: skip
 def test_what_cannot_be_placed_is_refused_with_the_reason(catalog, mark, reason):
     before = len(catalog.findings(history=True))
-    made = add_marks(catalog, [mark], "Ada")
-    assert made.new == 0 and reason in made.refused[0] and len(catalog.findings(history=True)) == before
+    marks = add_marks(catalog, [mark], "Ada")
+    assert marks.new == 0 and reason in marks.refused[0] and len(catalog.findings(history=True)) == before
 
 
 def test_a_grazing_look_is_refused():
@@ -285,11 +285,11 @@ def test_the_stated_error_holds_in_95_percent_of_draws():
     for _ in range(120):
         target = MARK + np.append(0.0, rng.uniform(-2, 2, 2))
         (pixel,) = pixels_of(CAMERA, position, look_at(position, MARK), target[None])
-        told = position + rng.normal(0, 0.3 / 2.7955, 3)
+        logged = position + rng.normal(0, 0.3 / 2.7955, 3)
         aside = MARK + np.cross(rng.normal(0, np.radians(0.5), 3), MARK - position)
-        found = located("it", scene, CAMERA, told, look_at(told, told + aside - position),
+        spot = located("it", scene, CAMERA, logged, look_at(logged, logged + aside - position),
                         (pixel + rng.normal(0, 2.0, 2))[None], errors)  # fmt: skip
-        off.append(np.linalg.norm(found.place - target) / found.error_m)
+        off.append(np.linalg.norm(spot.place - target) / spot.error_m)
     assert 0.90 <= np.mean(np.array(off) <= 1) <= 0.99
 
 
@@ -402,13 +402,13 @@ def test_a_finding_on_a_mesh_that_was_replaced_states_how_far_off_it_is(filled, 
 
 def test_every_photo_that_shows_a_place_is_found_and_no_other(filled):
     catalog, _, name = filled
-    found = looks_frame(looks_at_spot(catalog, spot_of(row_of(catalog, name))))
+    looks = looks_frame(looks_at_spot(catalog, spot_of(row_of(catalog, name))))
     pixels = np.array([pixel_of(t_s, MARK) for t_s in (0.0, 5.0, 10.0, 15.0, 20.0)])
     inside = ((pixels >= 0) & (pixels <= [1600, 1190])).all(axis=1)
     seen = {f"P{number}.png" for number in np.flatnonzero(inside)}
-    assert set(found["photo"]) == seen and 3 <= len(seen) < 6
-    assert found["mm_px"].is_monotonic_increasing and found.iloc[0]["mm_px"] == pytest.approx(7.0, rel=0.05)
-    at = found.set_index("photo").loc["P2.png"]
+    assert set(looks["photo"]) == seen and 3 <= len(seen) < 6
+    assert looks["mm_px"].is_monotonic_increasing and looks.iloc[0]["mm_px"] == pytest.approx(7.0, rel=0.05)
+    at = looks.set_index("photo").loc["P2.png"]
     x, y = pixel_of(10.0, MARK)
     assert at["left_px"] < x < at["right_px"] and at["top_px"] < y < at["bottom_px"]
     assert at["blur_px"] == pytest.approx(0.4 / 500 / 7.0e-3, rel=0.1)
@@ -442,9 +442,9 @@ def test_crops_show_a_place_in_one_view_and_scale(filled, tmp_path, capsys):
 @pytest.mark.ci
 def test_the_same_place_elsewhere_is_where_the_samples_say(catalog):
     places = np.array([[HIGH[0], 1.0, 4.0], [0.0, HIGH[1], 6.0], [1.0, 1.0, HIGH[2]]])
-    found, normals = on_surface(scene_of(CUBE), places)
-    assert found == pytest.approx(places, abs=1e-6) and (normals @ [1, 1, 1] == pytest.approx(1.0))
-    spots = [Spot("cube-v1", place, way, place[None]) for place, way in zip(found, normals, strict=True)]
+    points, normals = on_surface(scene_of(CUBE), places)
+    assert points == pytest.approx(places, abs=1e-6) and (normals @ [1, 1, 1] == pytest.approx(1.0))
+    spots = [Spot("cube-v1", place, way, place[None]) for place, way in zip(points, normals, strict=True)]
     there = Carrying(catalog).to(spots, "cuboid-v1")
     truth = true_counterparts("cube-v1", "cuboid-v1", places)
     assert np.linalg.norm(there.place - truth, axis=1).max() < 0.02 * CUBOID.diagonal_m
@@ -516,10 +516,10 @@ def test_every_blade_is_asked_for(tmp_path):
 
 def test_questions_over_the_fleet(filled):
     catalog, _, name = filled
-    found = photographed(catalog, row_of(catalog, name)).set_index("structure_id")
-    assert list(found.index) == ["cube-v1", "cuboid-v1"] and list(found["looks"]) == [1, 0]
-    assert found.loc["cube-v1", "flight_id"] == "past"  # its demonstration showed it
-    assert found.loc["cuboid-v1", "error_m"] >= row_of(catalog, name)["place_error_m"]
+    looks = photographed(catalog, row_of(catalog, name)).set_index("structure_id")
+    assert list(looks.index) == ["cube-v1", "cuboid-v1"] and list(looks["looks"]) == [1, 0]
+    assert looks.loc["cube-v1", "flight_id"] == "past"  # its demonstration showed it
+    assert looks.loc["cuboid-v1", "error_m"] >= row_of(catalog, name)["place_error_m"]
     on = by_reference(catalog, "cuboid-v1", class_name="crack")
     truth = true_counterparts("cube-v1", "cuboid-v1", MARK[None])[0]
     assert on[[f"reference_{axis}_m" for axis in "xyz"]].to_numpy()[0] == pytest.approx(truth, abs=0.3)
@@ -602,26 +602,26 @@ def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
 def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled):
     catalog, _, name = filled
     rows = selected_findings(catalog, "open", "cube-v1")
-    made = plan_reshoot(catalog, rows, "cube-v1", 5.0)
-    plan = catalog.plan(made.transfer_id)
-    assert made.shown == (name,) and not made.refused
+    reshoot = plan_reshoot(catalog, rows, "cube-v1", 5.0)
+    plan = catalog.plan(reshoot.transfer_id)
+    assert reshoot.shown == (name,) and not reshoot.refused
     assert plan.trajectory is not None and plan.is_viewpoint is not None and plan.flyable
     shot = plan.trajectory.take(plan.is_viewpoint)
     position = shot.positions[0]
     assert 1e3 * footprint_m(CAMERA, position, MARK, np.array([1.0, 0.0, 0.0])) <= 5.0
-    wanted = np.array([8.0, -1.0, 0.0]) / np.hypot(8.0, 1.0)  # the photo at 10 s was taken from y = 0
+    expected = np.array([8.0, -1.0, 0.0]) / np.hypot(8.0, 1.0)  # the photo at 10 s was taken from y = 0
     way = (position - MARK) / np.linalg.norm(position - MARK)
-    assert np.degrees(np.arccos(way @ wanted)) < 0.1
+    assert np.degrees(np.arccos(way @ expected)) < 0.1
     assert scene_of(CUBE).distance(plan.trajectory.positions).min() >= 2.0
-    (row,) = catalog.transfers(every=True, ids=[made.transfer_id]).to_dict("records")
+    (row,) = catalog.transfers(every=True, ids=[reshoot.transfer_id]).to_dict("records")
     assert row["purpose"].startswith("reshoot ") and row["state"] == "draft"
-    assert plan_reshoot(catalog, rows, "cube-v1", 5.0).transfer_id == made.transfer_id
+    assert plan_reshoot(catalog, rows, "cube-v1", 5.0).transfer_id == reshoot.transfer_id
     file, where = f"{catalog.location}.plan", ("--catalog", catalog.location)
     assert (
-        main(["export", made.transfer_id, "--to", "qgc-plan", "-o", file, "--draft", *where]) == 0
+        main(["export", reshoot.transfer_id, "--to", "qgc-plan", "-o", file, "--draft", *where]) == 0
     )  # its gate
-    assert main(["transfer", "--reproduce", made.transfer_id, *where]) == 1
-    assert main(["brief", made.transfer_id, "-o", f"{file}.html", "--draft", *where]) == 0
+    assert main(["transfer", "--reproduce", reshoot.transfer_id, *where]) == 1
+    assert main(["brief", reshoot.transfer_id, "-o", f"{file}.html", "--draft", *where]) == 0
     brief = Path(f"{file}.html").read_text()
     (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', brief.split("Reference photos")[1])
     thumbnail = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))))
@@ -629,13 +629,13 @@ def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled)
     assert max(width, height) == 320 and thumbnail[height // 2, width // 2, 0] == 250  # the square it marks
     assert (thumbnail == (214, 39, 40)).all(axis=2).any() and "P2.png, 8.1 m away" in brief
     photo = Path(row_of(catalog, name)["photo_path"])
-    kept = photo.read_bytes()
+    content = photo.read_bytes()
     try:
-        photo.write_bytes(kept[:-1])
+        photo.write_bytes(content[:-1])
         ((caption, picture),) = reference_photos(catalog, plan.warnings)
         assert picture == b"" and "is not the one that was registered" in caption
     finally:
-        photo.write_bytes(kept)
+        photo.write_bytes(content)
     with pytest.raises(RefusedError, match=r"no safe look at 0\.2 mm/px, 2 m away"):
         plan_reshoot(catalog, rows, "cube-v1", 0.2)
     with pytest.raises(RefusedError, match="has neither plan nor demonstration"):
@@ -684,9 +684,11 @@ def test_a_camera_without_known_pixels_is_taken_to_have_those_of_the_photo(fille
     other = open_catalog(f"{catalog.location}-no-pixels")
     other.add_structures([CUBE])
     other.add_demonstrations([replace(flown(), camera=replace(CAMERA, width_px=0, height_px=0))])
-    made = plan_reshoot(other, [row_of(catalog, name)], "cube-v1", 5.0)
-    assert made.words[1] == "the pixels of the camera are not known: 1600 x 1190 px, as a photo of a finding"
-    assert "at 4.8" in made.words[2] or "at 4.9" in made.words[2]
+    reshoot = plan_reshoot(other, [row_of(catalog, name)], "cube-v1", 5.0)
+    assert (
+        reshoot.words[1] == "the pixels of the camera are not known: 1600 x 1190 px, as a photo of a finding"
+    )
+    assert "at 4.8" in reshoot.words[2] or "at 4.9" in reshoot.words[2]
 
 
 def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_aside(filled):
@@ -696,12 +698,12 @@ def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_asid
     other = open_catalog(f"{catalog.location}-kept-out")
     other.add_structures([replace(below, sha256="cd" * 32)])
     other.add_demonstrations([flown()])
-    made = plan_reshoot(other, [row_of(catalog, name)], "cube-v1", 7.5)
+    reshoot = plan_reshoot(other, [row_of(catalog, name)], "cube-v1", 7.5)
     assert (
-        "degrees aside: no nearer viewpoint is safe and shows it" in made.words[1]
-        or "m nearer" in made.words[1]
+        "degrees aside: no nearer viewpoint is safe and shows it" in reshoot.words[1]
+        or "m nearer" in reshoot.words[1]
     )
-    shot = other.plan(made.transfer_id).trajectory.positions
+    shot = other.plan(reshoot.transfer_id).trajectory.positions
     inside = ((shot > [HIGH[0] + 3.0, -2.0, 0.0]) & (shot < [HIGH[0] + 20.0, 2.0, 12.0])).all(axis=1)
     assert not inside.any()
 
@@ -710,7 +712,7 @@ def test_the_command_places_lists_and_changes(filled, capsys, tmp_path):
     catalog, _, name = filled
     where = "--catalog", catalog.location
     x, y = pixel_of(5.0, MARK + np.array([0.0, 0.0, 1.0]))
-    told = [
+    words = [
         "findings",
         "add",
         "--photo",
@@ -723,7 +725,7 @@ def test_the_command_places_lists_and_changes(filled, capsys, tmp_path):
         "--by",
         "Ada",
     ]
-    assert main([*told, *where, "--json"]) == 0
+    assert main([*words, *where, "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert row["class"] == "rust" and row["z_m"] == pytest.approx(MARK[2] + 1.0, abs=1e-3)
     assert (
@@ -731,8 +733,8 @@ def test_the_command_places_lists_and_changes(filled, capsys, tmp_path):
         == 0
     )
     assert main(["findings", "list", "--state", "open", *where]) == 0
-    said = capsys.readouterr().out
-    assert name in said and row["finding_id"] not in said.split("is dismissed")[1]
+    output = capsys.readouterr().out
+    assert name in output and row["finding_id"] not in output.split("is dismissed")[1]
     assert main(["findings", "history", row["finding_id"], *where]) == 0 and "dirt" in capsys.readouterr().out
     (tmp_path / "d.csv").write_text("photo,x_px,y_px\nP1.png,1,1\nP7.png,1,1\n")
     capsys.readouterr()

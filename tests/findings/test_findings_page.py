@@ -43,14 +43,14 @@ def test_every_block_of_the_page_runs(tmp_path, monkeypatch):
             continue
         for line in filter(None, (line.split(" #")[0].strip() for line in text.splitlines())):
             known = catalog.findings()["finding_id"]
-            told = line.replace("FLIGHT", "round-tank-1").replace(
+            command = line.replace("FLIGHT", "round-tank-1").replace(
                 "FINDING", known.iloc[-1] if len(known) else ""
             )
-            if " campaign " in told:  # the demonstration on tank 2 showed it at 3.6 mm/px
-                told = told.replace("--mm-px 8", "--mm-px 3")
+            if " campaign " in command:  # the demonstration on tank 2 showed it at 3.6 mm/px
+                command = command.replace("--mm-px 8", "--mm-px 3")
             if "--findings open" in line:  # the page has set it to be watched
                 assert main(["findings", "set", known.iloc[-1], "open", "--by", "Ada"]) == 0
-            assert main(shlex.split(told)[1:]) == 0, line
+            assert main(shlex.split(command)[1:]) == 0, line
             ran += 1
     drafts = catalog.transfers(every=True)
     assert ran == 11 and sorted(drafts["target_id"]) == ["tank-1", "tank-2"] and verify(catalog) == []

@@ -55,9 +55,9 @@ def test_no_text_of_a_finding_is_markup_on_its_pages(catalog, tmp_path):
 def test_a_brief_shows_the_texts_of_its_findings_as_text(catalog, tmp_path):
     finding = Mark("it", SCRIPT, flight="past", t_s=10.0, pixels=((800.0, 595.0),), class_name=SCRIPT)
     assert add_marks(catalog, [finding], "Ada").new == 1
-    made = plan_reshoot(catalog, catalog.findings().to_dict("records"), "cube-v1", 6.0)
+    reshoot = plan_reshoot(catalog, catalog.findings().to_dict("records"), "cube-v1", 6.0)
     file, where = tmp_path / "brief.html", ("--catalog", catalog.location)
-    assert main(["brief", made.transfer_id, "-o", str(file), "--draft", *where]) == 0
+    assert main(["brief", reshoot.transfer_id, "-o", str(file), "--draft", *where]) == 0
     brief = file.read_text()
     assert "<script>alert" not in brief and "<img src=x" not in brief and "&lt;script&gt;" in brief
 
@@ -65,10 +65,10 @@ def test_a_brief_shows_the_texts_of_its_findings_as_text(catalog, tmp_path):
 @pytest.mark.parametrize("letter", ["\x1b", "\x00", "\x07", "\u202e", "\u2066", "\x9b", "\ud800"])
 @pytest.mark.parametrize("name", ["class_name", "severity", "note"])
 def test_what_a_terminal_obeys_or_turns_what_is_read_is_refused(catalog, letter, name):
-    made = add_marks(catalog, [mark(**{name: f"rust{letter}[2J"}), mark(class_name="rust")], "Ada")
-    assert made.new == 1 and "which nobody sees" in made.refused[0] and made.refused[0].isprintable()
+    marks = add_marks(catalog, [mark(**{name: f"rust{letter}[2J"}), mark(class_name="rust")], "Ada")
+    assert marks.new == 1 and "which nobody sees" in marks.refused[0] and marks.refused[0].isprintable()
     with pytest.raises(SettingsError, match="which nobody sees"):
-        catalog.set_finding(made.ids[0], "watched", "Ada", f"grows{letter}")
+        catalog.set_finding(marks.ids[0], "watched", "Ada", f"grows{letter}")
 
 
 def test_a_photo_whose_name_a_terminal_would_obey_is_not_registered(catalog, tmp_path):
@@ -99,8 +99,8 @@ def test_names_with_hidden_letters_are_refused_mark_by_mark(catalog, tmp_path, c
     boxes = [{"id": "\x1b]0;x\x07", "image_id": at, "bbox": [1, 2, 3, 4]} for at in range(len(names))]
     file.write_text(json.dumps({"images": images, "annotations": boxes}))
     assert main(["findings", "add", str(file), "--by", "Ada", "--catalog", catalog.location]) == 1
-    told = capsys.readouterr().err
-    assert told.count("which nobody sees") == 4 and "\x1b" not in told and "\x07" not in told
+    message = capsys.readouterr().err
+    assert message.count("which nobody sees") == 4 and "\x1b" not in message and "\x07" not in message
     file.write_text(json.dumps({"images": images, "annotations": [{**boxes[0], "bbox": [5, 5, -3, 4]}]}))
     with pytest.raises(UppliedError, match="a box of -3 x 4 px"):
         read_marks(file)

@@ -18,10 +18,10 @@ BOTH = fleet.PlanRequest(("recommended", "baseline"))
 
 @pytest.fixture
 def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
-    made.add_structures([structure("boxy"), structure("t1", 1), structure("t2", 2)])
-    made.add_demonstrations([demonstration()])
-    return made
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([structure("boxy"), structure("t1", 1), structure("t2", 2)])
+    catalog.add_demonstrations([demonstration()])
+    return catalog
 
 
 def clearances(catalog: Catalog, plan_request: fleet.PlanRequest = BOTH) -> dict[tuple[str, str], float]:
@@ -40,8 +40,8 @@ def test_a_structure_says_more_than_its_kind_and_a_run_more_than_both(catalog):
     jobs = fleet.decide(catalog, BOTH).jobs
     assert {job.key for job in jobs if job.settings.preset == "recommended"}.isdisjoint(keys)
     assert {job.key for job in jobs if job.settings.preset == "baseline"} <= keys
-    asked = fleet.PlanRequest(("recommended",), {"route": {"clearance_m": 8.0}}, experiment="far")
-    assert set(clearances(catalog, asked).values()) == {8.0}
+    request = fleet.PlanRequest(("recommended",), {"route": {"clearance_m": 8.0}}, experiment="far")
+    assert set(clearances(catalog, request).values()) == {8.0}
     catalog.set("structure", "t1", {"route.clearance_m": None}, "Ada")
     assert clearances(catalog)["t1", "recommended"] == 3.0
 
@@ -64,20 +64,20 @@ def test_the_preset_that_is_flown_belongs_to_things_and_those_for_comparison_are
     usual = keys(catalog)
     where = ["--catalog", catalog.location]
 
-    def told(name: str) -> tuple[str, str]:
+    def preset_of(name: str) -> tuple[str, str]:
         rows = catalog.settings_of(name).set_index("setting")
         return rows.loc["preset", "value"], rows.loc["preset", "from"]
 
-    assert told("t1") == ("recommended", "preset recommended")
+    assert preset_of("t1") == ("recommended", "preset recommended")
     assert main(["set", "box", "--kind", "preset=recommended", "--by", "Ada", *where]) == 0
-    assert told("t1") == told("t2") == ("recommended", "kind box")
+    assert preset_of("t1") == preset_of("t2") == ("recommended", "kind box")
     assert main(["set", "t1", "preset=recommended", "route.clearance_m=4", "--by", "Ada", *where]) == 0
-    assert (told("t1")[1], told("t2")[1]) == ("structure t1", "kind box")
+    assert (preset_of("t1")[1], preset_of("t2")[1]) == ("structure t1", "kind box")
     now = keys(catalog)
     assert {name for name in usual if now[name] != usual[name]} == {("t1", "recommended")}  # the clearance
     assert main(["set", "t1", "preset=", "route.clearance_m=", "--by", "Ada", *where]) == 0
-    assert told("t1")[1] == "kind box" and keys(catalog) == usual
-    said = len(catalog.declared_settings())
+    assert preset_of("t1")[1] == "kind box" and keys(catalog) == usual
+    number = len(catalog.declared_settings())
     for preset in ("paper", "baseline"):
         capsys.readouterr()
         assert main(["set", "t1", f"preset={preset}", "--by", "Ada", *where]) != 0
@@ -89,7 +89,7 @@ def test_the_preset_that_is_flown_belongs_to_things_and_those_for_comparison_are
         catalog.set("kind", "box", {"preset": "best"}, "Ada")
     with pytest.raises(SettingsError, match="is unknown"):
         catalog.set("kind", "box", {"preset": 3}, "Ada")
-    assert len(catalog.declared_settings()) == said
+    assert len(catalog.declared_settings()) == number
 
 
 def test_programs_that_know_no_preset_of_things_read_past_it(catalog):

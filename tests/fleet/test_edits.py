@@ -39,29 +39,29 @@ LITTLE = np.array([0.0, 0.0, 0.1])
 BOX = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
 
-def planned(name: str, **said) -> tuple[str, Plan, dict]:
+def planned(name: str, **fields) -> tuple[str, Plan, dict]:
     """A plan of the cube, flown as it was demonstrated, and its key."""
-    made = Plan(FLOWN.demonstration_id, "cube-v1", "cube-v1", CUBE.kind, "recommended", "ok",
+    plan = Plan(FLOWN.demonstration_id, "cube-v1", "cube-v1", CUBE.kind, "recommended", "ok",
                 trajectory=PATH, is_viewpoint=FLAGS, flyable=True)  # fmt: skip
-    return hashlib.sha256(name.encode()).hexdigest(), replace(made, **said), {}
+    return hashlib.sha256(name.encode()).hexdigest(), replace(plan, **fields), {}
 
 
 @pytest.fixture
 def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
-    made.add_structures([CUBE])
-    made.add_demonstrations([FLOWN])
-    made.add_plans([planned("first", counterpart_summary="its only part")])
-    return made
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([CUBE])
+    catalog.add_demonstrations([FLOWN])
+    catalog.add_plans([planned("first", counterpart_summary="its only part")])
+    return catalog
 
 
-def changed(catalog: Catalog, tmp_path, plan: str, by: str = "Ada", **asked) -> str:
+def changed(catalog: Catalog, tmp_path, plan: str, by: str = "Ada", **edits) -> str:
     """The plan with viewpoint 3 left out and viewpoint 6 half a metre higher, and what else is asked."""
     path = write_edit(catalog, plan, tmp_path / "edit.json")
-    said = json.loads(path.read_text()) | asked
-    said["viewpoints"] = [row for row in said["viewpoints"] if row["viewpoint"] != 3]
-    said["viewpoints"][5]["z_m"] += 0.5
-    path.write_text(json.dumps(said))
+    edit = json.loads(path.read_text()) | edits
+    edit["viewpoints"] = [row for row in edit["viewpoints"] if row["viewpoint"] != 3]
+    edit["viewpoints"][5]["z_m"] += 0.5
+    path.write_text(json.dumps(edit))
     return edit_plan(catalog, plan, path, by)
 
 
@@ -78,10 +78,10 @@ def places(catalog: Catalog, plan: str) -> np.ndarray:
 @pytest.mark.ci
 def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
     first = newest(catalog)["transfer_id"]
-    made = changed(catalog, tmp_path, first)
-    (kept,) = catalog.edits().to_dict("records")
-    assert (kept["base_id"], kept["transfer_id"], kept["by"]) == (first, made, "Ada")
-    assert newest(catalog)["transfer_id"] == made and carry_edits(catalog) == []
+    draft = changed(catalog, tmp_path, first)
+    (row,) = catalog.edits().to_dict("records")
+    assert (row["base_id"], row["transfer_id"], row["by"]) == (first, draft, "Ada")
+    assert newest(catalog)["transfer_id"] == draft and carry_edits(catalog) == []
     assert newest(catalog)["counterpart_summary"] == "its only part"  # the changed plan says it as well
     # the night plans the pair anew, a little lower: the same two viewpoints are changed in it
     lower = replace(PATH, positions=PATH.positions - LITTLE)
@@ -89,15 +89,15 @@ def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
     second = newest(catalog)["transfer_id"]
     assert carry_edits(catalog) == []
     third = newest(catalog)
-    assert third["transfer_id"] not in (first, made, second)
+    assert third["transfer_id"] not in (first, draft, second)
     assert "changed by Ada, carried over" in json.loads(third["warnings"])[0]
-    wanted = np.array([v.position for n, v in enumerate(BEFORE) if n not in (3, 6)]) - LITTLE
-    found = places(catalog, third["transfer_id"])
-    gaps = np.linalg.norm(found[:, None] - wanted[None], axis=2).min(axis=0)
+    expected = np.array([v.position for n, v in enumerate(BEFORE) if n not in (3, 6)]) - LITTLE
+    actual = places(catalog, third["transfer_id"])
+    gaps = np.linalg.norm(actual[:, None] - expected[None], axis=2).min(axis=0)
     assert gaps.max() < 1e-6  # all the others, as they were planned
-    assert np.linalg.norm(found - BEFORE[3].position, axis=1).min() > 0.3  # left out
+    assert np.linalg.norm(actual - BEFORE[3].position, axis=1).min() > 0.3  # left out
     raised = np.array(BEFORE[6].position) + 5 * LITTLE
-    assert np.linalg.norm(found - raised, axis=1).min() < 1e-3  # where the person wanted it
+    assert np.linalg.norm(actual - raised, axis=1).min() < 1e-3  # where the person wanted it
     assert carry_edits(catalog) == [] and newest(catalog)["transfer_id"] == third["transfer_id"]
     assert list(catalog.edits()["base_id"]) == [first, second]
 
@@ -126,16 +126,16 @@ def test_what_has_no_place_in_the_next_draft_is_told_and_kept(catalog, tmp_path)
     changed(catalog, tmp_path, newest(catalog)["transfer_id"])
     away = replace(PATH, positions=PATH.positions + 400 * LITTLE)
     catalog.add_plans([planned("elsewhere", trajectory=away)])
-    (told,) = carry_edits(catalog)
-    assert "the change by Ada" in told and "is not in the newest draft" in told and "m off" in told
+    (message,) = carry_edits(catalog)
+    assert "the change by Ada" in message and "is not in the newest draft" in message and "m off" in message
     last = catalog.edits().iloc[-1]
     assert last["transfer_id"] == "" and last["lost"] and carry_edits(catalog) == []
 
 
 @pytest.mark.ci
 def test_a_rejected_change_is_not_carried_over(catalog, tmp_path):
-    made = changed(catalog, tmp_path, newest(catalog)["transfer_id"])
-    catalog.reject(made, "Ben")
+    draft = changed(catalog, tmp_path, newest(catalog)["transfer_id"])
+    catalog.reject(draft, "Ben")
     catalog.add_plans([planned("second", trajectory=replace(PATH, positions=PATH.positions + LITTLE))])
     second = newest(catalog)["transfer_id"]
     assert carry_edits(catalog) == [] and newest(catalog)["transfer_id"] == second
@@ -145,22 +145,22 @@ def test_a_rejected_change_is_not_carried_over(catalog, tmp_path):
 def test_more_distance_is_kept_and_kept_on_when_the_plan_is_changed_again(catalog, tmp_path):
     plan = newest(catalog)
     scene = scene_of(CUBE)
-    asked = path_clearance(scene, PATH.positions).distance_m + 0.4
+    clearance_m = path_clearance(scene, PATH.positions).distance_m + 0.4
     path = write_edit(catalog, plan["transfer_id"], tmp_path / "more.json")
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"clearance_m": asked}))
-    made = edit_plan(catalog, plan["transfer_id"], path, "Ada")
-    assert newest(catalog)["min_clearance_m"] >= asked - 1e-6
-    path = write_edit(catalog, made, tmp_path / "again.json")
-    said = json.loads(path.read_text())
-    said["viewpoints"] = said["viewpoints"][1:]
-    path.write_text(json.dumps(said))
-    edit_plan(catalog, made, path, "Ben")
-    assert newest(catalog)["min_clearance_m"] >= asked - 1e-6
-    kept = edit_from_json(catalog.edits().iloc[-1]["edit_json"])
-    assert kept.airspace.clearance_m == pytest.approx(asked) and len(kept.touched) == 1
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"clearance_m": clearance_m}))
+    draft = edit_plan(catalog, plan["transfer_id"], path, "Ada")
+    assert newest(catalog)["min_clearance_m"] >= clearance_m - 1e-6
+    path = write_edit(catalog, draft, tmp_path / "again.json")
+    edit = json.loads(path.read_text())
+    edit["viewpoints"] = edit["viewpoints"][1:]
+    path.write_text(json.dumps(edit))
+    edit_plan(catalog, draft, path, "Ben")
+    assert newest(catalog)["min_clearance_m"] >= clearance_m - 1e-6
+    stored = edit_from_json(catalog.edits().iloc[-1]["edit_json"])
+    assert stored.airspace.clearance_m == pytest.approx(clearance_m) and len(stored.touched) == 1
     with pytest.raises(InputError, match="changes nothing"):
-        path = write_edit(catalog, made, tmp_path / "same.json")
-        edit_plan(catalog, made, path, "Ben")
+        path = write_edit(catalog, draft, tmp_path / "same.json")
+        edit_plan(catalog, draft, path, "Ben")
 
 
 def test_two_changes_together_are_one():
@@ -185,9 +185,9 @@ def test_two_changes_together_are_one():
 
 
 def test_a_viewpoint_is_found_again_by_its_place_and_its_direction():
-    kept = StoredEdit((ViewpointChange(BEFORE[4], None),))
+    stored = StoredEdit((ViewpointChange(BEFORE[4], None),))
     turned = [replace(v, yaw_deg=v.yaw_deg + 90) for v in BEFORE]
-    edit, lost = matched_edit(kept, turned)
+    edit, lost = matched_edit(stored, turned)
     assert edit == Edit() and "no viewpoint corresponds" in lost[0]
     again, lost = matched_edit(
         StoredEdit((ViewpointChange(BEFORE[4], None), ViewpointChange(BEFORE[4], None))), BEFORE[:5]

@@ -128,16 +128,18 @@ def test_unknown_names_are_refused_with_the_known_ones(planned, plan_request):
 @pytest.mark.parametrize(("targets", "demonstrations"), [(0, 0), (3, 1), (3, 5), (40, 2), (1300, 1)])
 def test_shards_hold_every_job_once(targets, demonstrations):
     jobs = jobs_for(targets, demonstrations)
-    made = shards(jobs, workers=2)
-    assert sorted(job.key for shard in made for job in shard) == sorted(job.key for job in jobs)
-    assert shards(list(reversed(jobs)), workers=2) == made
+    groups = shards(jobs, workers=2)
+    assert sorted(job.key for shard in groups for job in shard) == sorted(job.key for job in jobs)
+    assert shards(list(reversed(jobs)), workers=2) == groups
 
 
 def test_bundles_for_machines_keep_what_shares_a_target_together():
     jobs = jobs_for(130, 3)
-    made = fleet.shards(list(reversed(jobs)), 1, 64)
-    assert [len(bundle) for bundle in made] == [129, 129, 132]  # 64 targets at most, and evenly
-    assert [job.key for bundle in made for job in bundle] == [job.key for job in sorted(jobs, key=by_target)]
+    bundles = fleet.shards(list(reversed(jobs)), 1, 64)
+    assert [len(bundle) for bundle in bundles] == [129, 129, 132]  # 64 targets at most, and evenly
+    assert [job.key for bundle in bundles for job in bundle] == [
+        job.key for job in sorted(jobs, key=by_target)
+    ]
 
 
 def by_target(job):
@@ -152,9 +154,9 @@ def test_a_fleet_is_a_few_tasks_a_worker_and_none_is_a_tenth_larger_than_another
     targets, demonstrations, tasks
 ):
     """A task of an engine costs as much as the plan of a small target."""
-    made = shards(jobs_for(targets, demonstrations), 2)
-    assert len(made) == tasks <= max(2 * SHARDS_EACH, targets / 60)
-    sizes = [len({job.target_id for job in shard}) if targets >= 8 else len(shard) for shard in made]
+    groups = shards(jobs_for(targets, demonstrations), 2)
+    assert len(groups) == tasks <= max(2 * SHARDS_EACH, targets / 60)
+    sizes = [len({job.target_id for job in shard}) if targets >= 8 else len(shard) for shard in groups]
     assert max(sizes) <= min(sizes) + 1
     if targets >= 8:
         assert sum(sizes) == targets, "a target is in two shards, which would lay it out twice"

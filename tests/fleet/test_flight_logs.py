@@ -48,24 +48,24 @@ START_NS = 1_770_000_000_000_000_000  # 2 February 2026
 
 
 @pytest.fixture(scope="module")
-def made() -> Plan:
+def plan() -> Plan:
     surface = surface_samples(CUBE, scene_of(CUBE), CloudSettings(surface_samples=500))
     return plan_as_demonstrated(CUBE, FLOWN, surface)
 
 
 @pytest.fixture
-def catalog(tmp_path, made) -> Catalog:
-    kept = open_catalog(tmp_path / "catalog")
-    kept.add_structures([CUBE])
-    kept.add_demonstrations([FLOWN])
-    kept.add_plans([(KEY, made, {})])
-    return kept
+def catalog(tmp_path, plan) -> Catalog:
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([CUBE])
+    catalog.add_demonstrations([FLOWN])
+    catalog.add_plans([(KEY, plan, {})])
+    return catalog
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory, made):
+def log(tmp_path_factory, plan):
     """What came back: broken off at 60 %, 25 s after the recorder started."""
-    flown = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+    flown = fly_trajectory(plan.trajectory, wind=Wind(4.0), seed=2)
     part = flown.t_s <= 0.6 * flown.t_s[-1]
     t_ns = START_NS + np.round(flown.t_s[part] * 1e9).astype(np.int64)
     record = replace(
@@ -141,10 +141,10 @@ def test_the_plan_that_was_flown_is_found(catalog, log):
 
 @pytest.mark.ci
 def test_a_log_that_names_no_structure_is_found_by_the_plan_that_it_lies_on(
-    catalog, made, tmp_path, monkeypatch
+    catalog, plan, tmp_path, monkeypatch
 ):
     tall = replace(CUBE, structure_id="tall-v1", vertices=CUBE.vertices * [1, 1, 3.0], sha256="tall")
-    moved = replace(made.trajectory, positions=made.trajectory.positions + 9.0)
+    moved = replace(plan.trajectory, positions=plan.trajectory.positions + 9.0)
     other = hashlib.sha256(b"other").hexdigest()
     facts = logs._facts
     monkeypatch.setattr(logs, "_facts", lambda *args: {**facts(*args), "structure_id": ""})
@@ -152,16 +152,16 @@ def test_a_log_that_names_no_structure_is_found_by_the_plan_that_it_lies_on(
     with pytest.raises(InputError, match="does not name the structure that was flown"):
         judged(open_catalog(tmp_path / "empty").create(), silent, plan="")
     catalog.add_structures([tall])
-    catalog.add_plans([(other, replace(made, target_id="tall-v1", trajectory=moved, surface=None), {})])
-    found = judged(catalog, silent, plan="").row
-    assert (found["transfer_id"], found["target_id"]) == (ID, "cube-v1")
+    catalog.add_plans([(other, replace(plan, target_id="tall-v1", trajectory=moved, surface=None), {})])
+    row = judged(catalog, silent, plan="").row
+    assert (row["transfer_id"], row["target_id"]) == (ID, "cube-v1")
 
 
-def test_a_flight_is_of_the_plan_that_was_in_force_when_it_was_flown(catalog, made, log):
+def test_a_flight_is_of_the_plan_that_was_in_force_when_it_was_flown(catalog, plan, log):
     from upplied.fleet import plan_of_flight
 
     later = hashlib.sha256(b"later").hexdigest()
-    catalog.add_plans([(later, replace(made, trajectory=made.trajectory), {})])
+    catalog.add_plans([(later, replace(plan, trajectory=plan.trajectory), {})])
     assert list(catalog.transfers()["transfer_id"]) == [later[:20]]
     catalog.release(ID, "Ada")
     catalog.release(later[:20], "Ada")
@@ -178,14 +178,14 @@ def test_a_flight_is_of_the_plan_that_was_in_force_when_it_was_flown(catalog, ma
 
 @pytest.mark.ci
 def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
-    catalog, made, log, tmp_path, capsys
+    catalog, plan, log, tmp_path, capsys
 ):
     where = ["--catalog", catalog.location]
     broken_off = keep(catalog, judged(catalog, log))["flight_id"]
     assert main(["flights", "promote", broken_off[:12], "--by", "Grace", *where]) == 1
-    told = capsys.readouterr().err
-    assert "% of its plan was flown" in told and "was inspected as planned" in told
-    flown = fly_trajectory(made.trajectory, wind=Wind(1.0), seed=4)
+    message = capsys.readouterr().err
+    assert "% of its plan was flown" in message and "was inspected as planned" in message
+    flown = fly_trajectory(plan.trajectory, wind=Wind(1.0), seed=4)
     record = replace(
         FLOWN, demonstration_id="flight-8", t_ns=START_NS + np.round(flown.t_s * 1e9).astype(np.int64),
         positions=flown.positions, quat_xyzw=flown.quat_xyzw, operator="Ada",
@@ -201,10 +201,14 @@ def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
         lacking = {**row, column: share}
         assert flights._broken(lacking, 9.0, catalog.transfer(ID)) == [("whole", words)]
     assert main(["flights", "promote", row["flight_id"][:12], "--by", "Grace", "--name", "good", *where]) == 0
-    found = catalog.demonstration("good")
-    assert (found.structure_id, found.operator, int(found.t_ns[0])) == ("cube-v1", "Ada", START_NS)
-    assert np.abs(found.positions - flown.positions[: len(found)]).max() < 0.2 and "Grace" in found.notes
-    assert vars(found.camera) == vars(FLOWN.camera) and verify(catalog) == []
+    record = catalog.demonstration("good")
+    assert (record.structure_id, record.operator, int(record.t_ns[0])) == (
+        "cube-v1",
+        "Ada",
+        START_NS,
+    )
+    assert np.abs(record.positions - flown.positions[: len(record)]).max() < 0.2 and "Grace" in record.notes
+    assert vars(record.camera) == vars(FLOWN.camera) and verify(catalog) == []
     with pytest.raises(RefusedError, match="a name of its own"):
         promote_flight(catalog, row["flight_id"], "Grace", "good")
     with pytest.raises(SettingsError, match="is unknown"):
@@ -244,9 +248,9 @@ def written(folder, path: Trajectory, name: str = "back", start_ns: int = START_
 
 
 @pytest.mark.ci
-def test_photos_after_a_hover_are_placed_by_the_clock_of_the_log(catalog, made, tmp_path):
+def test_photos_after_a_hover_are_placed_by_the_clock_of_the_log(catalog, plan, tmp_path):
     """A hover is shortened in demonstrations; here that would move every photo after it."""
-    flown = noisy(interpolate(made.trajectory, np.arange(0.0, made.trajectory.t_s[-1], 0.1)))
+    flown = noisy(interpolate(plan.trajectory, np.arange(0.0, plan.trajectory.t_s[-1], 0.1)))
     middle = int(np.searchsorted(flown.t_s, 60.0))
     still = noisy(flown.take(np.full(1200, middle)), 1)
     t_s = np.concatenate(
@@ -263,22 +267,22 @@ def test_photos_after_a_hover_are_placed_by_the_clock_of_the_log(catalog, made, 
     for name, moments in (("before", np.arange(1.0, 60.0)), ("after", np.arange(181.0, 238.0))):
         times = tmp_path / f"{name}.csv"
         times.write_text("\n".join(str(START_NS + int(s * 1e9)) for s in moments))
-        found = judged(catalog, log, photos=times)
-        assert found.row["duration_s"] == pytest.approx(path.t_s[-1], abs=0.2)
-        assert re.search(r"waited for 12\d s at (59|60) s", found.row["findings"])
-        truth = looks_of(path, found.surface, FLOWN.camera, scene_of(CUBE), moments).seen
-        assert (found.flown.looks.seen == truth).mean() > 0.995
+        flight = judged(catalog, log, photos=times)
+        assert flight.row["duration_s"] == pytest.approx(path.t_s[-1], abs=0.2)
+        assert re.search(r"waited for 12\d s at (59|60) s", flight.row["findings"])
+        truth = looks_of(path, flight.surface, FLOWN.camera, scene_of(CUBE), moments).seen
+        assert (flight.flown.looks.seen == truth).mean() > 0.995
         shown.append(truth)
     assert (shown[0] != shown[1]).mean() > 0.2  # so the half that is shown does tell
 
 
 @pytest.mark.ci
-def test_an_export_of_a_plan_is_no_flight_of_it(catalog, made, tmp_path):
+def test_an_export_of_a_plan_is_no_flight_of_it(catalog, plan, tmp_path):
     path = tmp_path / "plan.mcap"
-    path.write_bytes(mcap_bytes(made, CUBE))
+    path.write_bytes(mcap_bytes(plan, CUBE))
     with pytest.raises(InputError, match="is an export of a plan: its metadata say so"):
         judged(catalog, path)
-    every = interpolate(made.trajectory, np.arange(0.0, made.trajectory.t_s[-1], 0.1))
+    every = interpolate(plan.trajectory, np.arange(0.0, plan.trajectory.t_s[-1], 0.1))
     with pytest.raises(RefusedError, match=f"holds the poses of the plan {ID} itself"):
         judged(catalog, written(tmp_path, every))
     slower = replace(every, t_s=every.t_s * 1.3)
@@ -288,8 +292,8 @@ def test_an_export_of_a_plan_is_no_flight_of_it(catalog, made, tmp_path):
 
 
 @pytest.mark.ci
-def test_a_simulated_flight_is_never_a_flown_one(catalog, made, tmp_path):
-    path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+def test_a_simulated_flight_is_never_a_flown_one(catalog, plan, tmp_path):
+    path = fly_trajectory(plan.trajectory, wind=Wind(4.0), seed=2)
     marked = written(tmp_path, path, "marked", simulated=True)
     with pytest.raises(InputError, match="is the log of a simulated flight"):
         judged(catalog, marked)
@@ -301,20 +305,20 @@ def test_a_simulated_flight_is_never_a_flown_one(catalog, made, tmp_path):
 
 
 @pytest.mark.parametrize("start_ns", [0, 915_148_800_000_000_000, 2_100_000_000_000_000_000])
-def test_a_flight_of_no_possible_day_is_refused(catalog, made, tmp_path, start_ns):
-    path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+def test_a_flight_of_no_possible_day_is_refused(catalog, plan, tmp_path, start_ns):
+    path = fly_trajectory(plan.trajectory, wind=Wind(4.0), seed=2)
     with pytest.raises(InputError, match=r"by its own clock .rule: a date from 2000 to now"):
         judged(catalog, written(tmp_path, path, start_ns=start_ns + 10**9))
 
 
 @pytest.mark.slow
-def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path):
+def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, plan, tmp_path):
     """Both lie round the same structure, a metre and a half apart."""
-    path = made.trajectory
+    path = plan.trajectory
     middle = path.positions.mean(axis=0)
     wide = replace(path, positions=middle + (path.positions - middle) * [1.2, 1.2, 1.0] + [0, 0, 0.8])
     other = hashlib.sha256(b"wide").hexdigest()
-    catalog.add_plans([(other, replace(made, trajectory=wide, preset="baseline"), {})])
+    catalog.add_plans([(other, replace(plan, trajectory=wide, preset="baseline"), {})])
     for mine, theirs, flown in ((ID, other[:20], wide), (other[:20], ID, path)):
         log = written(tmp_path, fly_trajectory(flown, wind=Wind(3.0), seed=1))
         with pytest.raises(RefusedError, match=f"is a flight of plan {theirs}"):
@@ -327,9 +331,9 @@ def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path)
 
 
 @pytest.mark.slow
-def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, made, tmp_path, capsys):
+def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, plan, tmp_path, capsys):
     """A vehicle that flew 2.5 m beside its plan, and a log that is 2.5 m off, are the same log."""
-    flown = fly_trajectory(made.trajectory, wind=Wind(2.0), seed=2)
+    flown = fly_trajectory(plan.trajectory, wind=Wind(2.0), seed=2)
     beside = replace(flown, positions=flown.positions + np.array([2.0, -1.5, 0.0]))
     log = written(tmp_path, beside)
     row = keep(catalog, judged(catalog, log))
@@ -351,10 +355,10 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     assert not catalog.looks_at("cube-v1", surface.points[unseen])["seen"].any()
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
-    said = f"{row['assumed_pct']:.1f} % more in view if the correction of the log is right"
-    assert said in page.read_text() and "was certainly in view" in page.read_text()
-    said = f"inspected as planned, {stored:.1f} % if the correction of the log is right"
-    assert said in page.read_text()
+    sentence = f"{row['assumed_pct']:.1f} % more in view if the correction of the log is right"
+    assert sentence in page.read_text() and "was certainly in view" in page.read_text()
+    sentence = f"inspected as planned, {stored:.1f} % if the correction of the log is right"
+    assert sentence in page.read_text()
     assert main(["flights", "show", row["flight_id"][:8], "--catalog", catalog.location]) == 0
     listed = " ".join(capsys.readouterr().out.split())
     assert re.search(rf"the same if the alignment is right \(%\) [^a-z]*{stored:.2f}", listed), listed
@@ -390,8 +394,8 @@ def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_p
 
 
 @pytest.mark.ci
-def test_a_simulated_flight_is_a_flight(catalog, made):
-    path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+def test_a_simulated_flight_is_a_flight(catalog, plan):
+    path = fly_trajectory(plan.trajectory, wind=Wind(4.0), seed=2)
     half = Trajectory(path.t_s[:600], path.positions[:600], path.quat_xyzw[:600])
     catalog.add_flight(simulated_row(catalog, "f" * 64, catalog.transfer(ID), half, SIMULATED), half)
     row = catalog.flight("ffff")
@@ -400,7 +404,7 @@ def test_a_simulated_flight_is_a_flight(catalog, made):
     assert catalog.plan(plan_gap(catalog, "ffff")).status == "ok"
 
 
-def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, made, monkeypatch):
+def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, plan, monkeypatch):
     from upplied.fleet import flights
 
     seen: list[str] = []
@@ -411,31 +415,31 @@ def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, mad
 
     monkeypatch.setattr(flights, "fly_plan", flown)
     other = hashlib.sha256(b"baseline").hexdigest()
-    catalog.add_plans([(other, replace(made, preset="baseline"), {})])
-    told = flights.fly_drafts(catalog, [KEY, other, "0" * 64])
+    catalog.add_plans([(other, replace(plan, preset="baseline"), {})])
+    messages = flights.fly_drafts(catalog, [KEY, other, "0" * 64])
     assert seen == [ID]  # plans for comparison are not flown
-    assert "comes within 1.25 m (limit 2 m)" in told[0] and "not in the catalog" in told[1]
+    assert "comes within 1.25 m (limit 2 m)" in messages[0] and "not in the catalog" in messages[1]
 
 
 @pytest.mark.slow
 def test_a_plan_that_a_person_changed_is_judged_anew_and_is_a_draft(catalog, tmp_path, capsys):
     where, file = ["--catalog", catalog.location], tmp_path / "plan.json"
     assert main(["edit", ID[:8], "--out", str(file), *where]) == 0
-    said = json.loads(file.read_text())
-    count = len(said["viewpoints"])
+    edit = json.loads(file.read_text())
+    count = len(edit["viewpoints"])
     assert main(["edit", ID, "--from", str(file), "--by", "Ada", *where]) == 2
     assert "changes nothing" in capsys.readouterr().err
-    said["viewpoints"] = [row for row in said["viewpoints"] if row["viewpoint"] not in (4, 5)]
-    said["viewpoints"][0]["pitch_deg"] -= 5.0
-    file.write_text(json.dumps(said))
+    edit["viewpoints"] = [row for row in edit["viewpoints"] if row["viewpoint"] not in (4, 5)]
+    edit["viewpoints"][0]["pitch_deg"] -= 5.0
+    file.write_text(json.dumps(edit))
     code = main(["edit", ID, "--from", str(file), "--by", "Ada", *where])
     out = capsys.readouterr().out
-    made = out.split(":")[0].strip()
+    draft = out.split(":")[0].strip()
     assert "changed by Ada: viewpoint 4 left out, viewpoint 5 left out, viewpoint 0 changed" in out
-    row = catalog.transfer(made)
+    row = catalog.transfer(draft)
     assert row["n_viewpoints"] == count - 2 and code == int(not row["flyable"])
     assert row["min_clearance_m"] >= 1.99 and row["coverage_inspected_pct"] > 0
-    assert list(catalog.transfers()["transfer_id"]) == [made] and not len(catalog.in_force())
+    assert list(catalog.transfers()["transfer_id"]) == [draft] and not len(catalog.in_force())
     assert row["planned_on"] == f"changed by Ada, from {ID}" and verify(catalog) == []
 
 
@@ -460,12 +464,12 @@ def test_a_file_that_is_no_edit_of_the_plan_is_told(catalog, tmp_path, text):
 
 
 @pytest.mark.ci
-def test_the_wind_of_a_log_is_kept_and_told(catalog, made, tmp_path, capsys):
-    flown = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+def test_the_wind_of_a_log_is_kept_and_told(catalog, plan, tmp_path, capsys):
+    flown = fly_trajectory(plan.trajectory, wind=Wind(4.0), seed=2)
     t_ns = START_NS + np.round(flown.t_s * 1e9).astype(np.int64)
     body = poses("/pose", "geometry_msgs/msg/PoseStamped", Flight(t_ns, flown.positions, flown.quat_xyzw))
-    told = [{"timestamp": int(t) // 1000, "windspeed_north": 4.0, "windspeed_east": 3.0} for t in t_ns[::50]]
-    wind = Topic("/fmu/out/wind", "px4_msgs/msg/Wind", list(zip(t_ns[::50].tolist(), told, strict=True)))
+    winds = [{"timestamp": int(t) // 1000, "windspeed_north": 4.0, "windspeed_east": 3.0} for t in t_ns[::50]]
+    wind = Topic("/fmu/out/wind", "px4_msgs/msg/Wind", list(zip(t_ns[::50].tolist(), winds, strict=True)))
     facts = {"structure_id": "cube-v1", "body_frame": "camera"}
     row = keep(catalog, judged(catalog, made_log(tmp_path / "a.mcap", [body, wind], facts)))
     assert row["wind_mps"] == pytest.approx(5.0) == row["wind_most_mps"]

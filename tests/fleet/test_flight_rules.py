@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flights import FAULTS, flights, made
+from made_flights import FAULTS, flights, log_of
 
 from upplied.catalog import open_catalog
 from upplied.cli import main
@@ -20,7 +20,7 @@ def place(tmp_path: Path) -> Path:
     structure, flown = flights("box", 0)
     catalog = open_catalog(tmp_path / "catalog").create()
     catalog.add_structures([structure])
-    log = replace(made(structure, flown, np.random.default_rng(1)), hfov_deg=None)
+    log = replace(log_of(structure, flown, np.random.default_rng(1)), hfov_deg=None)
     log.write(tmp_path / "right.mcap")
     FAULTS["ned"](log, np.random.default_rng(0)).write(tmp_path / "wrong.mcap")
     return tmp_path
@@ -38,12 +38,12 @@ def test_findings_reach_the_person(place: Path, capsys: pytest.CaptureFixture[st
     (row,) = json.loads(capsys.readouterr().out)
     assert row["verdict"] == "warned" and "assumed" in row["findings"] and row["flown_clearance_m"] > 1
     assert run(place, "show", "right") == 0
-    said = capsys.readouterr().out
-    assert "minimum clearance (m)" in said and "assumed: a camera" in said
+    output = capsys.readouterr().out
+    assert "minimum clearance (m)" in output and "assumed: a camera" in output
     assert run(place, "show", "right", "--json") == 0
     assert json.loads(capsys.readouterr().out)["measured"]["axis_pct"] > 90
-    kept = open_catalog(place / "catalog").demonstration("right").passport
-    assert kept["verdict"] == "warned" and kept["bounds"]["least_clearance_m"] == 0.3
+    passport = open_catalog(place / "catalog").demonstration("right").passport
+    assert passport["verdict"] == "warned" and passport["bounds"]["least_clearance_m"] == 0.3
 
 
 @pytest.mark.ci
@@ -52,8 +52,8 @@ def test_a_wrong_log_is_refused_by_name_and_may_be_overruled(
 ) -> None:
     wrong = str(place / "wrong.mcap")
     assert run(place, "add", wrong, "--workers", "1") == 1
-    said = capsys.readouterr().err
-    assert "fits-otherwise" in said and 'convention = "ned"' in said and "Traceback" not in said
+    message = capsys.readouterr().err
+    assert "fits-otherwise" in message and 'convention = "ned"' in message and "Traceback" not in message
     assert run(place, "add", wrong, "--allow", "no-such-rule") == 2
     assert "is no rule" in capsys.readouterr().err
     rules = ("fits-otherwise", "below-ground", "looks-away", "shows-nothing", "frame-name", "off-centre")

@@ -21,7 +21,7 @@ class Commits:
     """Stands for a catalog: holds a commit up until it may go on, and fails when told to."""
 
     def __init__(self) -> None:
-        self.kept: list[list[str]] = []
+        self.batches: list[list[str]] = []
         self.began, self.go_on = threading.Event(), threading.Event()
         self.full = False
         self.go_on.set()
@@ -31,7 +31,7 @@ class Commits:
         assert self.go_on.wait(PATIENCE_S)
         if self.full:
             raise CatalogError("transfers", "No space left on device")
-        self.kept.append([key for key, _, _ in plans])
+        self.batches.append([key for key, _, _ in plans])
 
 
 def outcome(number: int) -> Outcome:
@@ -49,30 +49,30 @@ def commits(monkeypatch) -> Commits:
 
 
 def test_outcomes_come_in_while_others_are_committed(commits):
-    kept = run.Keeper(commits, "run")
+    keeper = run.Keeper(commits, "run")
     commits.go_on.clear()
-    slow = threading.Thread(target=lambda: [kept.add(outcome(number)) for number in range(3)])
+    slow = threading.Thread(target=lambda: [keeper.add(outcome(number)) for number in range(3)])
     slow.start()
     assert commits.began.wait(PATIENCE_S)
-    quick = threading.Thread(target=lambda: [kept.add(outcome(number)) for number in (3, 4)])
+    quick = threading.Thread(target=lambda: [keeper.add(outcome(number)) for number in (3, 4)])
     quick.start()
     quick.join(PATIENCE_S)
-    assert not quick.is_alive() and commits.kept == []
+    assert not quick.is_alive() and commits.batches == []
     commits.go_on.set()
     slow.join(PATIENCE_S)
-    kept.close()
-    assert [len(batch) for batch in commits.kept] == [3, 2]
-    assert all(batch == sorted(batch) for batch in commits.kept)
-    assert kept.result.ok == 5
+    keeper.close()
+    assert [len(batch) for batch in commits.batches] == [3, 2]
+    assert all(batch == sorted(batch) for batch in commits.batches)
+    assert keeper.result.ok == 5
 
 
 def test_what_could_not_be_committed_is_tried_again_at_the_end(commits):
-    kept = run.Keeper(commits, "run")
+    keeper = run.Keeper(commits, "run")
     commits.full = True
     with pytest.raises(CatalogError, match="No space"):
         for number in range(3):
-            kept.add(outcome(number))
+            keeper.add(outcome(number))
     commits.full = False
-    kept.close()
-    kept.close()
-    assert [len(batch) for batch in commits.kept] == [3]
+    keeper.close()
+    keeper.close()
+    assert [len(batch) for batch in commits.batches] == [3]

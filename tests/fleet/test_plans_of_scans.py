@@ -68,10 +68,10 @@ def planned(tmp_path_factory) -> tuple[Path, Plan]:
     catalog = open_catalog(place)
     catalog.add_structures([SOURCE, SCAN])
     catalog.add_demonstrations([ring()])
-    made = plan_transfer(ring(), SOURCE, SCAN, SETTINGS, catalog.cache)
-    assert made.supposed is not None and made.flyable
-    catalog.add_plans([(key("plan"), made, {"settings": SETTINGS})])
-    return place, made
+    plan = plan_transfer(ring(), SOURCE, SCAN, SETTINGS, catalog.cache)
+    assert plan.supposed is not None and plan.flyable
+    catalog.add_plans([(key("plan"), plan, {"settings": SETTINGS})])
+    return place, plan
 
 
 @pytest.fixture
@@ -97,8 +97,8 @@ def clear_m(positions: np.ndarray) -> float:
 def exported(catalog: Catalog, plan: str, goal: Path) -> tuple[bytes, float]:
     """A mission from the side where the plan does not begin; its bytes, and how near its legs come."""
     options = MissionOptions(home_m=(MIDDLE, -12.0, 0.0), draft=True)
-    made = export_transfer(catalog, plan, "csv", goal, options)
-    return made.paths[0].read_bytes(), clear_m(made.missions[0].local)
+    files = export_transfer(catalog, plan, "csv", goal, options)
+    return files.paths[0].read_bytes(), clear_m(files.missions[0].local)
 
 
 def as_though_all_was_scanned(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,17 +120,17 @@ def test_of_a_model_nothing_is_supposed(planned) -> None:
 
 @pytest.mark.ci
 def test_it_is_kept_with_the_plan_whatever_becomes_of_the_cache(catalog, planned, tmp_path) -> None:
-    plan, made = only(catalog), planned[1].supposed
+    plan, supposed = only(catalog), planned[1].supposed
     before, _ = exported(catalog, plan, tmp_path / "before.csv")
     shutil.rmtree(Path(catalog.location) / "cache")
     catalog = open_catalog(catalog.location)
-    for kept in (catalog.supposed(plan), catalog.plan(plan).supposed,
+    for stored in (catalog.supposed(plan), catalog.plan(plan).supposed,
                  plan_of(catalog, catalog.transfer(plan)).supposed):  # fmt: skip
-        assert np.array_equal(kept.points, made.points) and kept.error_m == made.error_m
+        assert np.array_equal(stored.points, supposed.points) and stored.error_m == supposed.error_m
     assert exported(catalog, plan, tmp_path / "after.csv")[0] == before
     assert verify(catalog) == []
-    (kept,) = (Path(catalog.location) / "supposed").iterdir()
-    kept.write_bytes(kept.read_bytes()[:-9])
+    (stored,) = (Path(catalog.location) / "supposed").iterdir()
+    stored.write_bytes(stored.read_bytes()[:-9])
     assert "supposed" in str(verify(open_catalog(catalog.location))[0])
     with pytest.raises(CatalogError):  # never as though nothing were missing
         exported(open_catalog(catalog.location), plan, tmp_path / "never.csv")
@@ -166,16 +166,16 @@ def test_the_page_tells_the_clearance_of_all_of_it(catalog, planned) -> None:
     assert (along < scene_of(SCAN).distance(places) - 0.5).any()
 
 
-def unpacked(said: dict[str, str]) -> np.ndarray:
-    return np.frombuffer(base64.b64decode(said["data"]), said["type"]).astype(float)
+def unpacked(packed: dict[str, str]) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(packed["data"]), packed["type"]).astype(float)
 
 
 def dragged(catalog: Catalog, goal: Path, number: int) -> Path:
     """The file of the plan with a viewpoint in the middle of what was not scanned."""
     path = write_edit(catalog, only(catalog), goal)
-    said = json.loads(path.read_text())
-    said["viewpoints"][number] |= {"x_m": MIDDLE, "y_m": 0.0, "z_m": 1.8}
-    path.write_text(json.dumps(said))
+    edit = json.loads(path.read_text())
+    edit["viewpoints"][number] |= {"x_m": MIDDLE, "y_m": 0.0, "z_m": 1.8}
+    path.write_text(json.dumps(edit))
     return path
 
 
@@ -209,11 +209,11 @@ def test_a_gap_is_closed_by_a_flight_round_what_was_never_scanned(catalog, monke
     x, y, _ = catalog.surface(plan).points.T
     # On both long walls, beside the stretch that is missing: the short way between leads through it.
     beside = (y > 2.1) & (x > MIDDLE) & (x < 7.6) | (y < -2.1) & (x < MIDDLE) & (x > -3)
-    found = catalog.plan(plan_gap(catalog, flown_but(catalog, plan, beside, "a")))
-    sides = found.trajectory.positions[:, 1]
+    closing = catalog.plan(plan_gap(catalog, flown_but(catalog, plan, beside, "a")))
+    sides = closing.trajectory.positions[:, 1]
     assert sides.min() < -4 and sides.max() > 4
-    assert clear_m(found.trajectory.positions) > 1.9 and found.measures.min_clearance_m > 1.9
-    assert np.array_equal(found.supposed.points, catalog.supposed(plan).points)
+    assert clear_m(closing.trajectory.positions) > 1.9 and closing.measures.min_clearance_m > 1.9
+    assert np.array_equal(closing.supposed.points, catalog.supposed(plan).points)
     as_though_all_was_scanned(monkeypatch)
     blind = catalog.plan(plan_gap(catalog, flown_but(catalog, plan, beside, "b")))
     assert clear_m(blind.trajectory.positions) < 1.8  # else nothing is tested
@@ -224,10 +224,10 @@ def for_the_whole(catalog: Catalog, height: float) -> str:
     y = np.linspace(-8.0, 8.0, 60)
     at = np.column_stack([np.full(60, MIDDLE), y, np.full(60, height)])
     path = Trajectory(np.arange(60.0), at, from_yaw_pitch(0 * y, np.full(60, -1.2)))
-    said = {"trajectory": path, "is_viewpoint": np.arange(60) % 8 == 0, "flyable": True}
-    made = Plan("ring", "body", "larger", "tank", "recommended", "ok", **said)
+    fields = {"trajectory": path, "is_viewpoint": np.arange(60) % 8 == 0, "flyable": True}
+    record = Plan("ring", "body", "larger", "tank", "recommended", "ok", **fields)
     catalog.add_structures([WHOLE])
-    catalog.add_plans([(key(f"whole {height}"), made, {"settings": SETTINGS})])
+    catalog.add_plans([(key(f"whole {height}"), record, {"settings": SETTINGS})])
     plan = only(catalog)
     catalog.release(plan, "Grace")
     catalog.add_structures([SCAN])
@@ -238,8 +238,8 @@ def for_the_whole(catalog: Catalog, height: float) -> str:
 @pytest.mark.slow
 def test_what_a_new_file_lacks_is_found_when_a_plan_is_judged_again(catalog, planned) -> None:
     plan = for_the_whole(catalog, 8.0)
-    (found,) = recheck(catalog)
-    assert not found.recalled
+    (verdict,) = recheck(catalog)
+    assert not verdict.recalled
     assert np.allclose(catalog.supposed(plan).points, planned[1].supposed.points, atol=1e-6)
     assert np.allclose(catalog.plan(plan).supposed.points, planned[1].supposed.points, atol=1e-6)
     assert verify(catalog) == []
@@ -251,5 +251,5 @@ def test_what_a_new_file_lacks_is_found_when_a_plan_is_judged_again(catalog, pla
 @pytest.mark.slow
 def test_a_plan_that_comes_too_near_to_what_a_new_file_lacks_is_recalled(catalog) -> None:
     for_the_whole(catalog, 4.2)  # 0.6 m above the structure, 2.8 m from what was scanned
-    (found,) = recheck(catalog)
-    assert found.recalled and "from unscanned surface" in found.note
+    (verdict,) = recheck(catalog)
+    assert verdict.recalled and "from unscanned surface" in verdict.note

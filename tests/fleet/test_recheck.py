@@ -25,13 +25,13 @@ NAMED = "cuboid-0"
 def catalog(tmp_path) -> Catalog:
     """One plan in force on a box of 10 m by 8 m by 6 m, flown some 10 m from its sides."""
     fake = FakeCatalog(targets=1)
-    made = open_catalog(tmp_path / "catalog")
-    made.add_structures([fake.structure("cube"), fake.structure(NAMED)])
-    made.add_demonstrations([fake.demonstration("orbit-1")])
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([fake.structure("cube"), fake.structure(NAMED)])
+    catalog.add_demonstrations([fake.demonstration("orbit-1")])
     plan = replace(fake.plans["t0000"], flyable=True)
-    made.add_plans([(hashlib.sha256(b"plan").hexdigest(), plan, {})])
-    made.release(made.transfers()["transfer_id"].iloc[0], "Grace")
-    return made
+    catalog.add_plans([(hashlib.sha256(b"plan").hexdigest(), plan, {})])
+    catalog.release(catalog.transfers()["transfer_id"].iloc[0], "Grace")
+    return catalog
 
 
 def changed(size: tuple[float, float, float]):
@@ -48,8 +48,8 @@ def test_a_plan_that_comes_too_near_the_changed_structure_is_recalled_and_everyb
 ):
     plan = catalog.in_force()["transfer_id"].iloc[0]
     catalog.add_structures([changed((20, 16, 6))])
-    (found,) = recheck(catalog)
-    assert found.recalled and "clearance" in found.note and str(found).startswith("RECALLED")
+    (verdict,) = recheck(catalog)
+    assert verdict.recalled and "clearance" in verdict.note and str(verdict).startswith("RECALLED")
     assert recheck(catalog) == []  # it is told once; what follows tells it until another is released
     assert not len(catalog.in_force()) and list(catalog.decisions()["state"]) == ["released", "recalled"]
     (pair,) = pairs_of(catalog.transfers(), catalog.transfers(every=True))
@@ -66,8 +66,8 @@ def test_a_plan_that_comes_too_near_the_changed_structure_is_recalled_and_everyb
 @pytest.mark.slow
 def test_a_plan_that_is_still_safe_stays_in_force_and_its_coverage_is_told(catalog):
     catalog.add_structures([changed((10, 8, 6.2))])
-    (found,) = recheck(catalog)
-    assert not found.recalled and "safe" in found.note
+    (verdict,) = recheck(catalog)
+    assert not verdict.recalled and "safe" in verdict.note
     assert list(catalog.decisions()["state"]) == ["released", "rechecked"]
     assert list(catalog.in_force()["target_changed"]) == [False] and recheck(catalog) == []
     assert main(["in-force", "--catalog", catalog.location]) == 0

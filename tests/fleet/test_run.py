@@ -49,9 +49,9 @@ def attempts(monkeypatch) -> list[str]:
 @pytest.mark.slow
 def test_every_plan_says_where_it_was_made(catalog):
     fleet.transfer(catalog, fleet.decide(catalog, REQUEST).jobs, "night", fleet.Resources(2))
-    found = {tuple(where.split("/")) for where in catalog.transfers()["planned_on"]}
-    assert {(host, engine) for host, _, engine in found} == {(socket.gethostname(), "local")}
-    assert str(os.getpid()) not in {process for _, process, _ in found}, "the run's own process planned"
+    places = {tuple(where.split("/")) for where in catalog.transfers()["planned_on"]}
+    assert {(host, engine) for host, _, engine in places} == {(socket.gethostname(), "local")}
+    assert str(os.getpid()) not in {process for _, process, _ in places}, "the run's own process planned"
 
 
 @pytest.mark.slow
@@ -148,9 +148,9 @@ def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(c
     # Settings of one preset, as those of a kind or a structure are: each job keeps its own.
     own = settings_for("baseline", viewpoints={"shared": 0.6})
     jobs = [replace(jobs[0], settings=own), *jobs[1:]]
-    made = fleet.shards(jobs, 1, 2)
-    names = planner.write_shards(catalog, "night-1", made)
-    assert [tuple(planner.read_shard(str(catalog.location), name)) for name in names] == made
+    groups = fleet.shards(jobs, 1, 2)
+    names = planner.write_shards(catalog, "night-1", groups)
+    assert [tuple(planner.read_shard(str(catalog.location), name)) for name in names] == groups
     assert max(len(name) for name in names) < 100, "it was to be told where shards lie, not what is in them"
     for wrong in ("night-1/../../structures", "../x/00000.jobs", "night-1/00009.jobs", "", "night-1"):
         with pytest.raises((CatalogError, InputError)):
@@ -178,8 +178,8 @@ def test_who_works_on_a_shard_lies_beside_it_and_whoever_was_lost_did_not_end(ca
     with planner.attempt(str(catalog.location), first, "dask:10.0.0.8:40123"):
         pass
     Path(catalog.shards.path("night-1/00000.torn.json")).write_bytes(b'{"shard": ')
-    found = planner.attempts(catalog, "night-1")
-    assert [(one.shard, one.worker, one.ended) for one in found] == [
+    attempts = planner.attempts(catalog, "night-1")
+    assert [(one.shard, one.worker, one.ended) for one in attempts] == [
         (first, f"{here}/dask:10.0.0.7:40123", False),
         (first, f"{here}/dask:10.0.0.8:40123", True),
         (second, f"{here}/pool:planner-1", True),

@@ -23,10 +23,10 @@ B = fleet.PlanRequest(("baseline",), {"viewpoints": {"shared": 0.4}})
 
 @pytest.fixture
 def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(3))])
-    made.add_demonstrations([demonstration()])
-    return made
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(3))])
+    catalog.add_demonstrations([demonstration()])
+    return catalog
 
 
 @pytest.fixture
@@ -97,14 +97,14 @@ def test_everybody_asks_the_same(catalog, planned, monkeypatch, few):
     for plan_request in (A, B):
         keys = [job.key for job in every(catalog, plan_request)]
         for retry in (False, True):
-            asked = fleet.PlanRequest(plan_request.presets, plan_request.changes, retry_failed=retry)
-            done = set(catalog.settled(keys, retry_failed=retry))
-            assert {job.key for job in fleet.decide(catalog, asked).jobs} == set(keys) - done
-            assert len(done) == (0 if plan_request is A else 3 - retry)
+            request = fleet.PlanRequest(plan_request.presets, plan_request.changes, retry_failed=retry)
+            settled = set(catalog.settled(keys, retry_failed=retry))
+            assert {job.key for job in fleet.decide(catalog, request).jobs} == set(keys) - settled
+            assert len(settled) == (0 if plan_request is A else 3 - retry)
             open_ones = catalog.unsettled(pa.array(keys), retry_failed=retry)
-            assert {key for key, is_open in zip(keys, open_ones, strict=True) if not is_open} == done
+            assert {key for key, is_open in zip(keys, open_ones, strict=True) if not is_open} == settled
             if retry:
-                assert set(catalog.settled(keys, retry_failed=True)) == done
+                assert set(catalog.settled(keys, retry_failed=True)) == settled
     assert catalog.settled([]) == {}
 
 

@@ -49,8 +49,8 @@ FLEET = {
 }
 
 
-def names(of: SiblingsOf, *asked: str, most: int = 3) -> list[str]:
-    return [name for name, _ in of(*asked, most)]
+def names(of: SiblingsOf, *arguments: str, most: int = 3) -> list[str]:
+    return [name for name, _ in of(*arguments, most)]
 
 
 def test_a_scan_has_the_nearest_of_its_kind_that_tell_parts() -> None:
@@ -60,8 +60,8 @@ def test_a_scan_has_the_nearest_of_its_kind_that_tell_parts() -> None:
     assert names(of, "source", "scan", most=1) == ["like"] and names(of, "source", "scan", most=0) == []
     assert names(of, "like", "scan", most=2) == ["longer", "source"]  # never the source
     assert of("source", "scan", 1) == (("like", "hash of like"),)
-    for told in ("like", "source", "boat"):
-        assert names(of, "source", told) == []
+    for name in ("like", "source", "boat"):
+        assert names(of, "source", name) == []
 
 
 def test_only_a_nearer_structure_changes_who_is_asked() -> None:
@@ -138,16 +138,16 @@ def test_a_worker_gives_the_siblings_and_the_catalog_keeps_who_they_were(
     catalog = airliners(tmp_path / "catalog", "b777-v1", "beluga-v1")
     job = jobs_of(catalog)["b747-v1-scan"]
     prepared(catalog)
-    given = []
+    siblings = []
 
-    def planned(*asked):
-        given.extend(asked[-1])
+    def planned(*arguments):
+        siblings.extend(arguments[-1])
         return replace(plan("b747-v1-scan"), demonstration_id=job.demonstration_id,
                        source_id="a320-v1", parts_told_by="beluga-v1")  # fmt: skip
 
     monkeypatch.setattr(planner, "plan_transfer", planned)
     outcome = planner.plan_job(job)
-    assert [one.structure_id for one in given] == ["b777-v1", "beluga-v1"]
+    assert [one.structure_id for one in siblings] == ["b777-v1", "beluga-v1"]
     with fleet.Run(catalog, [job], "night") as run:
         run._keeper.add(outcome)
     (row,) = catalog.transfers().itertuples()
@@ -174,10 +174,10 @@ def test_whether_pieces_tell_parts_is_found_out_when_a_structure_is_taken_in(tmp
     )  # fmt: skip
     (tmp_path / "structures.toml").write_text(rows, encoding="utf-8")
     catalog = open_catalog(tmp_path / "catalog")
-    done = ingest.ingest_structures(catalog, tmp_path / "structures.toml", workers=1)
-    assert {one.status for one in done} == {"added"}, done
-    told = catalog.structures().set_index("structure_id")["tells_parts"]
-    assert told["model"] and not told["scan"]
+    items = ingest.ingest_structures(catalog, tmp_path / "structures.toml", workers=1)
+    assert {one.status for one in items} == {"added"}, items
+    tells_parts = catalog.structures().set_index("structure_id")["tells_parts"]
+    assert tells_parts["model"] and not tells_parts["scan"]
     # Who adds the same again without having asked does not forget it.
     again = replace(catalog.structure("scan"), tells_parts=None)
     assert catalog.add_structures([again]) == 0

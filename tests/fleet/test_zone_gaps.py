@@ -51,20 +51,20 @@ FLOOR = {"zone": "floor", "where": box(LOW[2] - 1e-6, LOW[2] + 1e-6)}
 
 
 @pytest.fixture(scope="module")
-def made() -> Plan:
+def base_plan() -> Plan:
     return plan_as_demonstrated(CUBE, FLOWN, SURFACE)
 
 
 @pytest.fixture
-def catalog(tmp_path, made, monkeypatch) -> Catalog:
+def catalog(tmp_path, base_plan, monkeypatch) -> Catalog:
     monkeypatch.setattr(
         required_zones, "CloudSettings", lambda: COARSE
     )  # as fine as a gap needs to be told by
-    kept = open_catalog(tmp_path / "catalog")
-    kept.add_structures([CUBE])
-    kept.add_demonstrations([FLOWN])
-    kept.add_plans([(hashlib.sha256(b"plan").hexdigest(), made, {})])
-    return kept
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([CUBE])
+    catalog.add_demonstrations([FLOWN])
+    catalog.add_plans([(hashlib.sha256(b"plan").hexdigest(), base_plan, {})])
+    return catalog
 
 
 def flown(catalog: Catalog, plan: str, path: Trajectory, name: str) -> dict[str, object]:
@@ -92,29 +92,29 @@ def shown_as_asked(path: Trajectory, points: np.ndarray, farthest_m: float, inci
 
 
 @pytest.mark.slow
-def test_a_zone_that_the_plan_does_not_show_is_flown_as_it_asks(catalog, made, capsys):
+def test_a_zone_that_the_plan_does_not_show_is_flown_as_it_asks(catalog, base_plan, capsys):
     (plan,) = catalog.transfers()["transfer_id"]
-    row = flown(catalog, plan, made.trajectory, "a")
+    row = flown(catalog, plan, base_plan.trajectory, "a")
     with pytest.raises(RefusedError, match="is empty"):  # all that is planned was seen
         plan_gap(catalog, "aaa")
     catalog.require("structure", "cube-v1", "monthly", [ROOF, FLOOR], "Ada")
     assert zones_left_out(catalog, row) == "zone roof"  # of the floor nothing can be seen
     assert main(["flights", "gap", "aaa", "--catalog", catalog.location]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     (gap,) = catalog.transfers(every=True).query("purpose != ''")["transfer_id"]
-    found = catalog.plan(gap)
+    closing = catalog.plan(gap)
     assert pytest.approx(36.0, rel=0.05) == ROOF_M2 and pytest.approx(36.0, rel=0.05) == FLOOR_M2
     roof, floor = (
-        next(w for w in found.warnings if f"zone {name} (monthly 1)" in w) for name in ("roof", "floor")
+        next(w for w in closing.warnings if f"zone {name} (monthly 1)" in w) for name in ("roof", "floor")
     )
-    assert roof in said and floor in said
+    assert roof in output and floor in output
     assert roof.endswith(f"shows {ROOF_M2:.1f} of {ROOF_M2:.1f} m2 that was not seen as it asks")
     assert f"shows 0.0 of {FLOOR_M2:.1f} m2" in floor and f"{FLOOR_M2:.1f} m2 of it no safe pose" in floor
     # by an own test of every look, from near and frontally enough; safe, and for a gimbal
     top = SURFACE.points[TOP]
     farthest = 2e-3 * 2000 / np.tan(np.radians(35.0))
-    path = found.trajectory
-    assert not shown_as_asked(made.trajectory, top, farthest, 20.0).any()
+    path = closing.trajectory
+    assert not shown_as_asked(base_plan.trajectory, top, farthest, 20.0).any()
     assert shown_as_asked(path, top, farthest + 1e-6, 20.001).all()
     assert path_clearance(scene_of(CUBE), path.positions).distance_m >= 1.99
     assert np.degrees(yaw_pitch(path.quat_xyzw)[1]).max() <= 30.001 and path.positions[:, 2].min() >= 0
@@ -128,9 +128,9 @@ def test_a_zone_that_the_plan_does_not_show_is_flown_as_it_asks(catalog, made, c
 
 
 @pytest.mark.slow
-def test_what_a_zone_asks_beyond_the_plan_is_added_to_what_the_flight_missed(catalog, made):
+def test_what_a_zone_asks_beyond_the_plan_is_added_to_what_the_flight_missed(catalog, base_plan):
     (plan,) = catalog.transfers()["transfer_id"]
-    half = made.trajectory.take(made.trajectory.t_s <= 70.0)
+    half = base_plan.trajectory.take(base_plan.trajectory.t_s <= 70.0)
     flown(catalog, plan, half, "a")
     before = plan_gap(catalog, "aaa")
     catalog.require("structure", "cube-v1", "monthly", [ROOF], "Ada")
@@ -148,20 +148,20 @@ def test_what_a_zone_asks_beyond_the_plan_is_added_to_what_the_flight_missed(cat
 
 
 @pytest.mark.slow
-def test_more_than_a_camera_tells_is_said_to_be_unattainable(catalog, made):
+def test_more_than_a_camera_tells_is_said_to_be_unattainable(catalog, base_plan):
     (plan,) = catalog.transfers()["transfer_id"]
-    half = made.trajectory.take(made.trajectory.t_s <= 70.0)
+    half = base_plan.trajectory.take(base_plan.trajectory.t_s <= 70.0)
     flown(catalog, plan, half, "a")
     catalog.require("structure", "cube-v1", "fine", [{**ROOF, "gsd_mm": 0.2, "looks": 2}], "Ada")
-    found = catalog.plan(plan_gap(catalog, "aaa"))  # from 0.6 m alone: nearer than is safe
-    assert f"shows 0.0 of {ROOF_M2:.1f} m2" in found.warnings[1]
-    assert f"{ROOF_M2:.1f} m2 of it no safe pose shows so; it requires 2 pictures" in found.warnings[1]
+    closing = catalog.plan(plan_gap(catalog, "aaa"))  # from 0.6 m alone: nearer than is safe
+    assert f"shows 0.0 of {ROOF_M2:.1f} m2" in closing.warnings[1]
+    assert f"{ROOF_M2:.1f} m2 of it no safe pose shows so; it requires 2 pictures" in closing.warnings[1]
 
 
 @pytest.mark.ci
-def test_a_log_that_comes_in_tells_once_which_zones_it_left_out(catalog, made, tmp_path):
+def test_a_log_that_comes_in_tells_once_which_zones_it_left_out(catalog, base_plan, tmp_path):
     catalog.require("structure", "cube-v1", "monthly", [ROOF], "Ada")
-    path = fly_trajectory(made.trajectory.take(made.trajectory.t_s <= 70.0), seed=1)
+    path = fly_trajectory(base_plan.trajectory.take(base_plan.trajectory.t_s <= 70.0), seed=1)
     t_ns = FLOWN.t_ns[0] + np.round(path.t_s * 1e9).astype(np.int64)
     record = replace(
         FLOWN, demonstration_id="back", t_ns=t_ns, positions=path.positions, quat_xyzw=path.quat_xyzw

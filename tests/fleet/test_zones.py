@@ -43,11 +43,11 @@ def catalog(tmp_path) -> Catalog:
     path = interpolate(flown.trajectory, np.arange(0.0, flown.trajectory.t_s[-1], 0.5))
     plan = Plan(flown.demonstration_id, "cube-v1", "cube-v1", cube.kind, "recommended", "ok",
                 trajectory=path, is_viewpoint=np.arange(len(path)) % 4 == 0, flyable=True)  # fmt: skip
-    made = open_catalog(tmp_path / "catalog")
-    made.add_structures([cube])
-    made.add_demonstrations([flown])
-    made.add_plans([(hashlib.sha256(b"plan").hexdigest(), plan, {})])
-    return made
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([cube])
+    catalog.add_demonstrations([flown])
+    catalog.add_plans([(hashlib.sha256(b"plan").hexdigest(), plan, {})])
+    return catalog
 
 
 @pytest.mark.slow
@@ -59,13 +59,13 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     corners[:, 2] = middle[2] + np.array([-1, 1])
     side = "box " + " ".join(map(str, corners.ravel()))
     roof = f"box {low[0]} {low[1]} {high[2] - 0.01} {high[0]} {high[1]} {high[2] + 0.01}"
-    asked = tmp_path / "monthly.toml"
-    asked.write_text(
+    file = tmp_path / "monthly.toml"
+    file.write_text(
         f'name = "monthly"\n[[zone]]\nzone = "side"\nwhere = "{side}"\nincidence_deg = 60\n'
         f'[[zone]]\nzone = "roof"\nwhere = "{roof}"\n'
     )
     where = ["--catalog", catalog.location]
-    assert main(["require", cube.kind, str(asked), "--kind", "--by", "Ada", *where]) == 0
+    assert main(["require", cube.kind, str(file), "--kind", "--by", "Ada", *where]) == 0
     capsys.readouterr()
     assert main(["zones", "cube-v1", "--json", *where]) == 1
     rows = {row["zone"]: row for row in json.loads(capsys.readouterr().out)}
@@ -74,8 +74,8 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     # a mission says what becomes of each zone, in its file and beside it
     (plan,) = catalog.transfers()["transfer_id"]
     goal = tmp_path / "mission.geojson"
-    made = ["export", plan, "--to", "geojson", "-o", str(goal), "--draft", "--photos", "none", *where]
-    assert main(made) == 0
+    command = ["export", plan, "--to", "geojson", "-o", str(goal), "--draft", "--photos", "none", *where]
+    assert main(command) == 0
     notes = json.loads(goal.read_text())["features"][0]["properties"]["notes"]
     assert "zone side (monthly 1): met, 100.0 % shown" in notes
     assert any(note.startswith("zone roof (monthly 1): missed, 0.0 %") for note in notes)
@@ -135,16 +135,16 @@ def test_a_zone_of_one_structure_is_asked_of_all_of_its_kind(catalog):
     catalog.add_structures([cuboid])
     low, high = cube.vertices.min(axis=0), cube.vertices.max(axis=0)
     side = f"box {high[0] - 0.01} {low[1]} {low[2]} {high[0] + 0.01} {high[1]} {high[2]}"
-    asked = {"zone": "side", "where": side, "on": "cube-v1"}
-    catalog.require("kind", cube.kind, "monthly", [asked], "Ada")
+    zone = {"zone": "side", "where": side, "on": "cube-v1"}
+    catalog.require("kind", cube.kind, "monthly", [zone], "Ada")
     (own,), (other,) = zones(catalog, "cube-v1"), zones(catalog, "cuboid-v1")
     assert own["on"] == "" and "carried" not in own["planned_why"]
     assert other["on"] == "cube-v1" and "carried from cube-v1" in other["planned_why"]
     assert other["planned"] == "missed" and "was not seen" in other["planned_why"]  # nothing is planned there
     with pytest.raises(SettingsError, match="a structure of kind"):
-        catalog.require("kind", cube.kind, "monthly", [{**asked, "on": "nobody"}], "Ada")
+        catalog.require("kind", cube.kind, "monthly", [{**zone, "on": "nobody"}], "Ada")
     with pytest.raises(SettingsError, match="the id of a structure"):
-        catalog.require("kind", cube.kind, "monthly", [{**asked, "on": 3}], "Ada")
+        catalog.require("kind", cube.kind, "monthly", [{**zone, "on": 3}], "Ada")
 
 
 @pytest.mark.slow
@@ -154,15 +154,15 @@ def test_a_run_plans_for_what_is_required_and_the_same_comes_of_it_again(catalog
     low, high = cuboid.vertices.min(axis=0), cuboid.vertices.max(axis=0)
     wall = f"box {low[0]} {low[1] - 0.01} {low[2]} {high[0]} {low[1] + 0.01} {high[2]}"
     wall = {"zone": "wall", "where": wall, "incidence_deg": 30}
-    asked = PlanRequest(("recommended",))
-    transfer(catalog, decide(catalog, asked).jobs, "usual", Resources(workers=1))
+    request = PlanRequest(("recommended",))
+    transfer(catalog, decide(catalog, request).jobs, "usual", Resources(workers=1))
     (before,) = zones_shown(catalog, wall)
     odd = {"zone": "mast", "where": "no_such_landmark"}
     catalog.require("structure", "cuboid-v1", "monthly", [wall, odd], "Ada")
-    jobs = decide(catalog, asked).jobs
+    jobs = decide(catalog, request).jobs
     assert [job.target_id for job in jobs] == ["cuboid-v1"]
     transfer(catalog, jobs, "asked", Resources(workers=1))
-    assert not decide(catalog, asked).jobs
+    assert not decide(catalog, request).jobs
     (after,) = zones_shown(catalog, wall)
     assert after > before + 5
     plan = catalog.transfers(preset="recommended", structure="cuboid-v1").iloc[0]
@@ -182,9 +182,9 @@ def test_a_run_plans_for_what_is_required_and_the_same_comes_of_it_again(catalog
 def zones_shown(catalog, zone: dict[str, object]) -> list[float]:
     """How much of a zone the newest plan of the cuboid shows, %."""
     catalog.require("structure", "cuboid-v1", "asked", [zone], "Ada")
-    found = [row["planned_pct"] for row in zones(catalog, "cuboid-v1") if row["set"] == "asked"]
+    shares = [row["planned_pct"] for row in zones(catalog, "cuboid-v1") if row["set"] == "asked"]
     catalog.require("structure", "cuboid-v1", "asked", [], "Ada")
-    return found
+    return shares
 
 
 @pytest.mark.parametrize(
@@ -237,15 +237,15 @@ def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
     cube = catalog.structure("cube-v1")
     written(tmp_path / name, labels_of(cube))
     label = "3" if name.startswith("numbers") else '"roof"'
-    asked = tmp_path / "monthly.toml"
-    asked.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = {label}\n')
+    file = tmp_path / "monthly.toml"
+    file.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = {label}\n')
     where = ["--catalog", catalog.location]
-    assert main(["require", "cube-v1", str(asked), "--by", "Ada", *where]) == 0
+    assert main(["require", "cube-v1", str(file), "--by", "Ada", *where]) == 0
     (row,) = Zones(catalog).of(cube.kind, "cube-v1")
     asking = RequiredZones(catalog.structure, catalog.cache, cube, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
-    found, _ = asking.required()
-    assert (found.zone == (found.normals[:, 2] > 0.9)).all() and found.zone.any()
+    surface, _ = asking.required()
+    assert (surface.zone == (surface.normals[:, 2] > 0.9)).all() and surface.zone.any()
     # the mesh changed: the labels are of no use, and that is told
     turned = replace(cube, triangles=cube.triangles[::-1], sha256="other")
     catalog.add_structures([turned])
@@ -258,20 +258,20 @@ def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
     cube, cuboid = catalog.structure("cube-v1"), member("cuboid-v1").structure
     catalog.add_structures([cuboid])
     written(tmp_path / "a.txt", labels_of(cube))
-    asked = tmp_path / "monthly.toml"
-    asked.write_text('labels = "a.txt"\n[[zone]]\nzone = "roof"\nlabel = "roof"\non = "cube-v1"\n')
+    file = tmp_path / "monthly.toml"
+    file.write_text('labels = "a.txt"\n[[zone]]\nzone = "roof"\nlabel = "roof"\non = "cube-v1"\n')
     where = ["--by", "Ada", "--catalog", catalog.location]
-    assert main(["require", cube.kind, str(asked), "--kind", *where]) == 0
+    assert main(["require", cube.kind, str(file), "--kind", *where]) == 0
     (row,) = Zones(catalog).of(cube.kind, "cuboid-v1")
     asking = RequiredZones(catalog.structure, catalog.cache, cuboid, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
-    found, untold = asking.required()
-    up = found.normals[:, 2] > 0.9
-    assert not untold and found.zone[up].mean() > 0.9 and found.zone[~up].mean() < 0.05
+    surface, untold = asking.required()
+    up = surface.normals[:, 2] > 0.9
+    assert not untold and surface.zone[up].mean() > 0.9 and surface.zone[~up].mean() < 0.05
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("a.txt", b"roof " * 11, "has 11 labels, cube-v1 has 1728 faces"),
         ("a.txt", b"\xff\xfe\x00", "cannot be read"),
@@ -285,19 +285,19 @@ def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
     ],
     ids=["few", "bytes", "column", "faces", "words", "npy", "pickle", "parquet", "suffix"],
 )
-def test_labels_that_do_not_fit_are_told(catalog, tmp_path, capsys, name, content, said):
+def test_labels_that_do_not_fit_are_told(catalog, tmp_path, capsys, name, content, message):
     if content == b"pickle":
         np.save(tmp_path / name, np.array([{"a": 1}] * 1728, dtype=object), allow_pickle=True)
     else:
         (tmp_path / name).write_bytes(content)
-    asked = tmp_path / "monthly.toml"
-    asked.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = "roof"\n')
+    file = tmp_path / "monthly.toml"
+    file.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = "roof"\n')
     where = ["--by", "Ada", "--catalog", catalog.location]
-    assert main(["require", "cube-v1", str(asked), *where]) == 2
-    assert said in " ".join(capsys.readouterr().err.split())
-    assert main(["require", "box", str(asked), "--kind", *where]) == 2
-    asked.write_text('[[zone]]\nzone = "roof"\nlabel = "roof"\n')
-    assert main(["require", "cube-v1", str(asked), *where]) == 2
+    assert main(["require", "cube-v1", str(file), *where]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+    assert main(["require", "box", str(file), "--kind", *where]) == 2
+    file.write_text('[[zone]]\nzone = "roof"\nlabel = "roof"\n')
+    assert main(["require", "cube-v1", str(file), *where]) == 2
     assert "names no file of labels" in " ".join(capsys.readouterr().err.split())
     assert main(["zones", "cube-v1", "--mesh", str(tmp_path / "m.ply"), "--catalog", catalog.location]) == 0
     assert "1728 faces" in capsys.readouterr().out and (tmp_path / "m.ply").read_bytes()[:3] == b"ply"

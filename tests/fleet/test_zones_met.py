@@ -47,13 +47,13 @@ def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, picture
     ],
 )
 def test_a_zone_is_met_where_every_patch_has_one_look_that_keeps_every_demand(demand, looks, status, why):
-    found = judged(Demand("seam", "part_0", **demand), ALL, ALL, looks)
-    assert found.status == status and why in found.why
-    assert (found.shown_pct == 100) == (status == "met")
+    verdict = judged(Demand("seam", "part_0", **demand), ALL, ALL, looks)
+    assert verdict.status == status and why in verdict.why
+    assert (verdict.shown_pct == 100) == (status == "met")
 
 
 def test_what_no_safe_camera_can_see_does_not_count_and_is_told():
     half = np.arange(N) < 5
-    found = judged(Demand("seam", "part_0"), ALL, half, [look(seen=half)])
-    assert found.status == "met" and "50.0 % of it no safe camera can see" in found.why
+    verdict = judged(Demand("seam", "part_0"), ALL, half, [look(seen=half)])
+    assert verdict.status == "met" and "50.0 % of it no safe camera can see" in verdict.why
     assert judged(Demand("seam", "part_0"), ALL, NONE, [look()]).status == "unattainable"

@@ -35,10 +35,10 @@ pytestmark = pytest.mark.filterwarnings("default")
 
 def test_a_task_that_comes_after_the_end_of_its_run_leaves_nothing_behind(tmp_path):
     """A cluster whose connection to a run broke still works on its shards, which that run took away."""
-    given = {"catalog": str(tmp_path / "catalog"), "run_id": "night", "engine": "pool"}
-    given["limits"] = {"timeout_s": 60.0, "memory_gib": None}
+    terms = {"catalog": str(tmp_path / "catalog"), "run_id": "night", "engine": "pool"}
+    terms["limits"] = {"timeout_s": 60.0, "memory_gib": None}
     with pytest.raises(CatalogError, match="cannot be read"):
-        tasks.plan_elsewhere.fn("boxes", "night/00000.jobs", given)
+        tasks.plan_elsewhere.fn("boxes", "night/00000.jobs", terms)
     assert not (tmp_path / "catalog").exists()
 
 
@@ -63,16 +63,16 @@ def test_every_machine_has_its_share_of_a_fleet(targets, machines):
 
 def test_env_example_says_what_the_flows_are_given():
     lines = [line for line in (ROOT / ".env.example").read_text().splitlines() if line and line[0] != "#"]
-    given = dict(line.split("=", 1) for line in lines)
-    assert SETTINGS.items() <= given.items()
-    assert set(given) - set(SETTINGS) == {"PREFECT_API_URL", "PREFECT_HOME", "UPPLIED_HOME"}
+    variables = dict(line.split("=", 1) for line in lines)
+    assert SETTINGS.items() <= variables.items()
+    assert set(variables) - set(SETTINGS) == {"PREFECT_API_URL", "PREFECT_HOME", "UPPLIED_HOME"}
 
 
 def test_env_example_names_this_clone_wherever_a_worker_runs():
     """A worker starts its runs in folders of their own, where a relative path is another one."""
     code = "set -a; source .env.example; cd /; echo $UPPLIED_HOME; echo $PREFECT_HOME"
-    told = subprocess.run(["bash", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    assert told.splitlines() == [str(ROOT), str(ROOT / ".cache" / "prefect")]
+    output = subprocess.run(["bash", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert output.splitlines() == [str(ROOT), str(ROOT / ".cache" / "prefect")]
 
 
 def test_a_foreign_prefect_setting_does_not_leak_in(monkeypatch, tmp_path):
@@ -99,13 +99,13 @@ def test_a_port_that_is_taken_is_told_and_its_owner_not_taken_for_ours(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("folder", "code", "told"), [("nowhere", 2, "is not a folder"), (".", 1, "no Prefect server")]
+    ("folder", "code", "message"), [("nowhere", 2, "is not a folder"), (".", 1, "no Prefect server")]
 )
-def test_a_watcher_that_cannot_tell_anybody_says_so(folder, code, told, monkeypatch, capsys, tmp_path):
+def test_a_watcher_that_cannot_tell_anybody_says_so(folder, code, message, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PREFECT_API_URL", f"http://127.0.0.1:{free_port()}/api")
     assert main(["watch", folder]) == code
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_a_log_is_told_when_it_has_come_whole_and_again_when_it_was_changed(tmp_path):
@@ -170,11 +170,11 @@ def test_no_server_is_told_at_once_and_in_words(tmp_path):
     variables = environment(tmp_path, "") | {"PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false"}
     del variables["PREFECT_API_URL"]
     code = "from upplied.flows.upkeep import publish_reports; publish_reports()"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code], env=variables, cwd=tmp_path, capture_output=True, text=True, check=False
     )
-    assert done.returncode != 0
-    assert "PREFECT_API_URL" in done.stderr
+    assert process.returncode != 0
+    assert "PREFECT_API_URL" in process.stderr
     assert not os.listdir(tmp_path) or not (tmp_path / "reports").exists()
 
 
@@ -265,19 +265,19 @@ def test_the_state_of_a_run_names_lost_workers_and_who_did_their_work():
     job = fleet.Job("cube-sides-v1", "cube-v1", "box", "box", settings_for("baseline"), "", "", ("",) * 3)
     shards = {f"night/{number:05}.parquet": (replace(job, target_id=f"box-{number}"),) for number in range(8)}
     names = list(shards)
-    made = engines.Planned(fleet.Result(ok=8), shards=8)
-    assert states.planned("8 ok", made, [], 0.5).message == "8 ok"
-    made.attempted(shards, [planner.Attempt(name, "a/1/dask:x", True) for name in names])
-    assert states.planned("8 ok", made, [], 0.5).message == "8 ok", "nothing was lost"
+    planned = engines.Planned(fleet.Result(ok=8), shards=8)
+    assert states.planned("8 ok", planned, [], 0.5).message == "8 ok"
+    planned.attempted(shards, [planner.Attempt(name, "a/1/dask:x", True) for name in names])
+    assert states.planned("8 ok", planned, [], 0.5).message == "8 ok", "nothing was lost"
     lost = [planner.Attempt(name, "a/2/dask:y") for name in names[:2]]
-    made.attempted(shards, [*lost, planner.Attempt(names[0], "a/1/dask:x", True)])
+    planned.attempted(shards, [*lost, planner.Attempt(names[0], "a/1/dask:x", True)])
     first, second = (str(shards[name][0]) for name in names[:2])
-    assert states.planned("8 ok", made, [], 0.5).message == (
+    assert states.planned("8 ok", planned, [], 0.5).message == (
         f"8 ok. Lost workers: a/2/dask:y; done again: {first} (by a/1/dask:x), {second} (by this run)"
     )
     more = engines.Planned()
     more.attempted(shards, [planner.Attempt(name, f"a/{name}/dask:z") for name in names])
-    made.include(more)
-    assert made.loss.count("dask:z") == 4 and "and 4 more; done again" in made.loss, (
+    planned.include(more)
+    assert planned.loss.count("dask:z") == 4 and "and 4 more; done again" in planned.loss, (
         "a state is read in a line"
     )

@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
 @pytest.mark.slow
 def test_an_automation_that_is_there_stays_with_what_it_has_heard(server, place):
     """In its place a new one would know nothing of the runs that died while nobody served."""
-    done = python(
+    process = python(
         server,
         place,
         """
@@ -41,8 +41,8 @@ with get_client(sync_client=True) as client:
         print(there.id, int(there.trigger.within.total_seconds()))
 """,
     )
-    first, again, changed = (line.split() for line in done.stdout.splitlines())
-    assert first == again, done.stderr
+    first, again, changed = (line.split() for line in process.stdout.splitlines())
+    assert first == again, process.stderr
     assert changed[0] != first[0]
     assert int(changed[1]) == SILENCE_S
 
@@ -95,9 +95,9 @@ def test_from_a_clone_to_a_scheduled_worker(server, place, serving):
         assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
         assert (plans["status"] == "ok").all()
         fails(server, place, 0.2)
-        told = received.get(timeout=600)
-        assert "transfer-fleet: Failed" in told, "somebody was told of a run that went well"
-        assert "took longer than 0.001 s" in told
+        notice = received.get(timeout=600)
+        assert "transfer-fleet: Failed" in notice, "somebody was told of a run that went well"
+        assert "took longer than 0.001 s" in notice
         assert "no notices" in upplied(server, place, "fleet", "notify", "").stdout
     assert scheduled(server) >= 1
 
@@ -114,8 +114,8 @@ def test_a_run_that_fails_is_told_by_either_kind_of_block_and_planned_again(serv
         for number, url in enumerate((f"http://{address}/hook", f"json://{address}/apprise")):
             assert "Failed, Crashed" in upplied(server, place, "fleet", "notify", url).stdout
             fails(server, place, 0.3 + number / 10)
-            told = received.get(timeout=600)
-            assert "transfer-fleet: Failed" in told and "took longer than 0.001 s" in told
+            notice = received.get(timeout=600)
+            assert "transfer-fleet: Failed" in notice and "took longer than 0.001 s" in notice
         assert "no notices" in upplied(server, place, "fleet", "notify", "").stdout
         again = upplied(server, place, "fleet", "run", *parameters(place), "retry_failed=true")
         assert again.returncode == 0, again.stdout + again.stderr

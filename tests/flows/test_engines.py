@@ -11,9 +11,9 @@ from clusters import (
     PRESETS,
     boxes,
     dask_cluster,
-    kept,
     message,
     ray_cluster,
+    rows_of,
     start_run,
     stopped_at_work,
 )
@@ -40,7 +40,7 @@ def planned(catalog: Catalog, engine: str, environment: dict[str, str], address:
     where = [place.split("/", 2)[2] for place in rows["planned_on"]]
     assert {place.split(":")[0] for place in where} == {engine}, where
     assert all(place.partition(":")[2] for place in where), "no worker is named"
-    return kept(catalog)
+    return rows_of(catalog)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def here(tmp_path_factory) -> list[dict]:
     catalog = boxes(tmp_path_factory.mktemp("here"))
     jobs = fleet.decide(catalog, fleet.PlanRequest(PRESETS)).jobs
     fleet.transfer(catalog, jobs, "here", fleet.Resources(2))
-    return kept(catalog)
+    return rows_of(catalog)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_a_worker_of_dask_that_is_killed_is_named_and_another_does_its_work(serv
     assert "planned here" not in text, "another worker was there"
     others = {where.split("/", 2)[2] for where in there.transfers()["planned_on"]}
     assert any(f"/{other})" in text for other in others), (text, others)
-    assert kept(there) == here
+    assert rows_of(there) == here
     assert not list(there.shards.names())
 
 
@@ -128,8 +128,8 @@ def test_shards_that_an_engine_loses_are_told_and_too_many_of_them_fail_the_run(
     ) as cluster:
         address, nights = cluster.scheduler_address, []
         for preset, most_lost in (("baseline", 1.0), ("paper", 0.5)):
-            given = catalog, "dask", address, server.environment, {"most_lost": most_lost}
-            nights.append(message(start_run(*given, presets=(preset,))))
+            arguments = catalog, "dask", address, server.environment, {"most_lost": most_lost}
+            nights.append(message(start_run(*arguments, presets=(preset,))))
     few, many = nights
     assert "CompletedWithFailures" not in few and "COMPLETED 3 ok" in few, few
     assert "FAILED 3 ok" in many, many

@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("
 
 @pytest.mark.ci
 def test_the_whole_way_by_flows(server, place):
-    done = python(
+    process = python(
         server,
         place,
         """
@@ -32,8 +32,8 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
 print(transfer_fleet(presets=["paper"], reports="", campaigns=["gone"], return_state=True).message)
 """,
     )
-    assert done.returncode == 0, done.stderr
-    *lines, last = done.stdout.splitlines()
+    assert process.returncode == 0, process.stderr
+    *lines, last = process.stdout.splitlines()
     assert last.startswith("0 ok, 0 refused, 0 failed, 2 unchanged") and "campaign gone: finding gone" in last
     assert lines == [
         "1 added",
@@ -68,15 +68,15 @@ from upplied.flows.upkeep import maintain_catalog
 state = maintain_catalog(catalog="catalog", return_state=True)
 print(state.type.value, state.message)
 """
-    done = python(server, place, code)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("COMPLETED") and "0 findings" in done.stdout
+    process = python(server, place, code)
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.startswith("COMPLETED") and "0 findings" in process.stdout
     mesh = sorted((place / "catalog" / "meshes").glob("*.parquet"))[0]
     whole = mesh.read_bytes()
     try:
         mesh.write_bytes(whole[: len(whole) // 2])
-        done = python(server, place, code)
-        assert done.stdout.startswith("FAILED") and "1 findings" in done.stdout
+        process = python(server, place, code)
+        assert process.stdout.startswith("FAILED") and "1 findings" in process.stdout
     finally:
         mesh.write_bytes(whole)
 
@@ -99,19 +99,19 @@ def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
 
 @pytest.mark.ci
 def test_assets_say_what_was_made_of_what(server, place):
-    said = {"filter": {"event": {"prefix": ["prefect.asset."]}}, "limit": 50}
+    query = {"filter": {"event": {"prefix": ["prefect.asset."]}}, "limit": 50}
     here, deadline = place.resolve().as_uri(), time.monotonic() + 600
-    made: dict[str, set[str]] = {}
-    while len(made) < 3 and time.monotonic() < deadline:
-        for event in prefect_api.ask(server.api_url, "events/filter", said, server.password)["events"]:
+    origins: dict[str, set[str]] = {}
+    while len(origins) < 3 and time.monotonic() < deadline:
+        for event in prefect_api.ask(server.api_url, "events/filter", query, server.password)["events"]:
             if event["event"] == "prefect.asset.materialization.succeeded":
                 key = event["resource"]["prefect.resource.id"]
                 if not key.startswith(here):
                     continue
                 related = [item for item in event["related"] if item["prefect.resource.role"] == "asset"]
-                made.setdefault(key, set()).update(item["prefect.resource.id"] for item in related)
+                origins.setdefault(key, set()).update(item["prefect.resource.id"] for item in related)
         time.sleep(0.5)
-    assert made == {
+    assert origins == {
         f"{here}/catalog/demonstrations": {f"{here}/flight.mcap"},
         f"{here}/catalog/transfers": {f"{here}/catalog/structures", f"{here}/catalog/demonstrations"},
         f"{here}/reports": {f"{here}/catalog/transfers"},
@@ -120,7 +120,7 @@ def test_assets_say_what_was_made_of_what(server, place):
 
 @pytest.mark.ci
 def test_a_store_that_was_away_is_asked_again_and_a_wrong_input_is_not(server, place):
-    done = python(
+    process = python(
         server,
         place,
         """
@@ -140,7 +140,7 @@ for error in ("store", "input"):
 print(tried.count("input"))
 """,
     )
-    assert done.stdout.split() == ["done", "FAILED", "FAILED", "1"], done.stdout + done.stderr
+    assert process.stdout.split() == ["done", "FAILED", "FAILED", "1"], process.stdout + process.stderr
 
 
 @pytest.mark.ci
@@ -177,12 +177,12 @@ for name in ("night/00001.parquet", "../transfers/x.parquet"):
 asked = {{"presets": ["paper"], "changes": {changes}}}
 print(transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked, return_state=True).message)
 """
-    done = python(server, place, code)
-    told = done.stdout.splitlines()
-    assert told[:4] == ["1 ok, 0 refused, 0 failed", "0 ok, 0 refused, 0 failed", "FAILED", "FAILED"], (
-        done.stderr
+    process = python(server, place, code)
+    lines = process.stdout.splitlines()
+    assert lines[:4] == ["1 ok, 0 refused, 0 failed", "0 ok, 0 refused, 0 failed", "FAILED", "FAILED"], (
+        process.stderr
     )
-    assert "prefect worker start --pool planners" in told[4], "nobody takes shards, and it was not told"
+    assert "prefect worker start --pool planners" in lines[4], "nobody takes shards, and it was not told"
     planner.remove_shards(catalog, "night")
     assert not list(catalog.shards.names())
     rows = catalog.transfers(every=True)
@@ -220,9 +220,9 @@ def attempt(call):
         print("refused:", str(error).splitlines()[1])
 {calls}
 """
-    done = python(server, place, code)
-    told = [line for line in done.stdout.splitlines() if line.startswith("refused:")]
-    assert len(told) == len(WRONG), done.stdout + done.stderr
+    process = python(server, place, code)
+    lines = [line for line in process.stdout.splitlines() if line.startswith("refused:")]
+    assert len(lines) == len(WRONG), process.stdout + process.stderr
 
 
 @pytest.mark.slow
@@ -233,7 +233,7 @@ def test_failed_runs_say_so_and_name_what_failed(server, place):
     (place / "mixed").mkdir()
     for name, source in {"broken": place / "broken" / "broken.mcap", "flight": place / "flight.mcap"}.items():
         (place / "mixed" / f"{name}.mcap").write_bytes(source.read_bytes())
-    done = python(
+    process = python(
         server,
         place,
         """
@@ -252,22 +252,22 @@ open("wrong.toml", "w").write("[[structures]]")
 say(transfer_fleet("not-yet", manifest="wrong.toml", return_state=True))
 """,
     )
-    told = [line.split(" | ") for line in done.stdout.splitlines()]
-    assert [state for state, _ in told] == [
+    lines = [line.split(" | ") for line in process.stdout.splitlines()]
+    assert [state for state, _ in lines] == [
         "FAILED Failed",
         "COMPLETED CompletedWithFailures",
         "FAILED Failed",
         "FAILED Failed",
         "COMPLETED CompletedWithFailures",
         "FAILED Failed",
-    ], done.stdout + done.stderr
+    ], process.stdout + process.stderr
     for (_, message), words in zip(
-        told,
+        lines,
         ("broken.mcap", "broken.mcap", "does not exist", "longer than 0.001 s", "broken.mcap", "wrong.toml"),
         strict=True,
     ):
         assert words in message
-    assert "2 ok" in told[4][1], "what could be planned was not"
+    assert "2 ok" in lines[4][1], "what could be planned was not"
 
 
 @pytest.mark.slow
@@ -290,17 +290,19 @@ with patch.dict(os.environ, {{"{ROOTS}": "{place},s3://bucket/fleet"}}):
         "publish_reports('reports', return_state=True)",
     ]
     (place / "link").symlink_to(tmp_path)
-    done = python(server, place, code.replace("CALLS", repr(calls)))
-    told = done.stdout.splitlines()
-    assert [line.split()[0] for line in told] == ["FAILED"] * 5 + ["COMPLETED"], done.stdout + done.stderr
-    assert all("outside the roots" in line and "--root" in line for line in told[:5])
+    process = python(server, place, code.replace("CALLS", repr(calls)))
+    lines = process.stdout.splitlines()
+    assert [line.split()[0] for line in lines] == ["FAILED"] * 5 + ["COMPLETED"], (
+        process.stdout + process.stderr
+    )
+    assert all("outside the roots" in line and "--root" in line for line in lines[:5])
     assert not list(tmp_path.iterdir())
 
 
 def test_a_campaign_is_planned_with_the_fleet_once_and_refused_once(server, place):
-    done = python(server, place, CAMPAIGN)
-    assert done.returncode == 0, done.stderr
-    first, again, refused, last = done.stdout.splitlines()
+    process = python(server, place, CAMPAIGN)
+    assert process.returncode == 0, process.stderr
+    first, again, refused, last = process.stdout.splitlines()
     assert first.startswith("2 ok, 0 refused, 0 failed") and again.startswith("0 ok, 0 refused, 0 failed")
     assert refused.startswith("0 ok, 1 refused, 0 failed") and last.startswith("0 ok, 0 refused, 0 failed")
     assert all("box-random-2: has neither plan nor" in text for text in (first, again, refused, last))

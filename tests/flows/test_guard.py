@@ -20,31 +20,31 @@ pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("de
 EVIL = "http://evil.example"
 
 
-def create(server: Server, said: dict[str, str]) -> int:
+def create(server: Server, headers: dict[str, str]) -> int:
     """The status that an attempt to create something gets."""
     body = {"name": "evil", "type": "process"}
-    return prefect_api.send("POST", f"{server.api_url}/work_pools/", body, said)[0]
+    return prefect_api.send("POST", f"{server.api_url}/work_pools/", body, headers)[0]
 
 
 def test_a_page_of_another_site_can_do_nothing(server):
     url = f"{server.api_url}/deployments/name/transfer-fleet/transfer-fleet"
-    asked = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "content-type"}
+    request = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "content-type"}
     for origin in (EVIL, "null", "http://127.0.0.1:9"):
-        status, headers, _ = prefect_api.send("OPTIONS", url, said={"Origin": origin, **asked})
+        status, headers, _ = prefect_api.send("OPTIONS", url, own={"Origin": origin, **request})
         assert status == 403
         assert not [name for name in headers if name.startswith("access-control-allow")]
         # Even with what only those who have signed in have.
-        said = prefect_api.token(server.api_url, server.password) | {"Origin": origin}
-        assert create(server, said) == 403
-        status, headers, _ = prefect_api.send("GET", url, said=said)
+        own = prefect_api.token(server.api_url, server.password) | {"Origin": origin}
+        assert create(server, own) == 403
+        status, headers, _ = prefect_api.send("GET", url, own=own)
         assert (status, headers.get("access-control-allow-origin")) == (403, None)
 
 
 def test_a_name_that_another_site_points_here_is_not_answered(server):
     """A page whose own name is made to mean 127.0.0.1 is of the same origin as what it asks."""
-    said = prefect_api.token(server.api_url, server.password)
-    assert create(server, said | {"Host": "evil.example", "Origin": EVIL}) == 403
-    status, _, content = prefect_api.send("GET", server.api_url + "/health", said={"Host": "evil.example"})
+    headers = prefect_api.token(server.api_url, server.password)
+    assert create(server, headers | {"Host": "evil.example", "Origin": EVIL}) == 403
+    status, _, content = prefect_api.send("GET", server.api_url + "/health", own={"Host": "evil.example"})
     assert (status, b"UPPLIED_HOSTS" in content) == (403, True)
 
 
@@ -65,7 +65,7 @@ def test_nobody_is_answered_without_the_password_nor_changes_anything_without_a_
 
 def test_the_servers_own_page_opens_and_may_not_be_framed(server):
     page = server.api_url.removesuffix("/api")
-    status, headers, content = prefect_api.send("GET", f"{page}/", said={"Accept": "text/html"})
+    status, headers, content = prefect_api.send("GET", f"{page}/", own={"Accept": "text/html"})
     assert (status, b"<html" in content.lower()) == (200, True)
     assert headers["x-frame-options"] == "DENY"
     settings = json.loads(prefect_api.send("GET", f"{page}/ui-settings")[2])
@@ -88,11 +88,11 @@ for origin, word in ((None, sys.argv[2]), (None, "guess"), ("http://evil.example
     print(asyncio.run(attempt(origin, word)))
 """
     url = server.api_url.replace("http", "ws") + "/events/in"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code, url, server.password], capture_output=True, text=True, check=True
     )
-    allowed, *refused = done.stdout.split()
-    assert allowed == "auth_success", done.stdout + done.stderr
+    allowed, *refused = process.stdout.split()
+    assert allowed == "auth_success", process.stdout + process.stderr
     assert "auth_success" not in refused
 
 

@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("
 
 
 def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, place):
-    done = python(
+    process = python(
         server,
         place,
         """
@@ -52,8 +52,8 @@ every = catalog.transfers(every=True)
 print(every["purpose"].str.startswith("gap ").sum())
 """,
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ["CompletedWithFailures", "Completed", "1", "1"]
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.splitlines() == ["CompletedWithFailures", "Completed", "1", "1"]
 
 
 def test_what_lands_while_a_run_plans_is_planned_by_it(server, tmp_path):
@@ -78,7 +78,7 @@ def while_planning(catalog, *given):
 night.plan = while_planning
 print(night.transfer_fleet(presets=["baseline"], reports="", return_state=True).message)
 """
-    done = python(server, tmp_path, code)
-    assert done.stdout == "3 ok, 0 refused, 0 failed, 0 unchanged\n", done.stdout + done.stderr
+    process = python(server, tmp_path, code)
+    assert process.stdout == "3 ok, 0 refused, 0 failed, 0 unchanged\n", process.stdout + process.stderr
     assert fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs == []
     assert catalog.transfers(every=True)["run_id"].nunique() == 1

@@ -28,7 +28,7 @@ from upplied.samples.pilot import fly
 
 pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
-KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
+COLUMNS = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
 TARGETS = range(1, 7)
 PRESETS = ("baseline", "paper")
 
@@ -138,16 +138,16 @@ def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, b
     fleet.transfer(here, fleet.decide(here, fleet.PlanRequest(PRESETS)).jobs, "here", fleet.Resources(2))
     there = boxes(bucket, tmp_path / "cache-there", (1, 2))
     with pool_of(server, tmp_path, ("one", "two")) as machines:
-        assert "4 ok, 0 refused, 0 failed, 0 unchanged" in said(start_run(server, bucket, 0))
+        assert "4 ok, 0 refused, 0 failed, 0 unchanged" in message_of(start_run(server, bucket, 0))
         taken = [each.log.read_text().count("submitted to infrastructure") for each in machines]
-        assert "0 ok, 0 refused, 0 failed, 4 unchanged" in said(start_run(server, bucket, 0))
+        assert "0 ok, 0 refused, 0 failed, 4 unchanged" in message_of(start_run(server, bucket, 0))
     assert taken == [1, 1], "the fleet was not shared out"
     rows = there.transfers(every=True)
     assert len(rows) == 4
     assert rows["run_id"].nunique() == 1, "the shards do not say which run they are of"
     workers = {where.split("/")[2] for where in rows["planned_on"]}
     assert workers == {"pool:one", "pool:two"}, rows["planned_on"].tolist()
-    assert kept(here) == kept(there)
+    assert rows_of(here) == rows_of(there)
 
 
 def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_another(
@@ -162,11 +162,11 @@ def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_an
         night = start_run(server, bucket, 1)
         lost.wait_for("Beginning")
         lost.cut_the_power()
-        told = said(night)
+        message = message_of(night)
         runs = [run for run in states(server) if run not in before]
     assert "submitted to infrastructure" in other.log.read_text()
-    assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
-    assert "was lost" not in told, "the shard was planned by the run itself, not by the other machine"
+    assert "12 ok, 0 refused, 0 failed, 0 unchanged" in message
+    assert "was lost" not in message, "the shard was planned by the run itself, not by the other machine"
     assert [run["name"] for run in runs if run["state"] == "CRASHED"] == [lost.shard()]
     assert sum(run["state"] == "COMPLETED" for run in runs) == 7, (
         runs
@@ -181,9 +181,9 @@ def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(tmp_path, b
         night = start_run(server, bucket, 1)
         only.wait_for("Finished in state Completed('2 ok")
         stop(only.worker)
-        told = said(night)
-    assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
-    assert "was lost" in told
+        message = message_of(night)
+    assert "12 ok, 0 refused, 0 failed, 0 unchanged" in message
+    assert "was lost" in message
     rows = catalog.transfers(every=True)
     assert len(rows) == len(rows["key"].unique()) == 12
     assert rows["run_id"].nunique() == 1
@@ -199,7 +199,7 @@ def start_run(server: Server, bucket: str, shard_targets: int) -> subprocess.Pop
     )
 
 
-def said(run: subprocess.Popen[str]) -> str:
+def message_of(run: subprocess.Popen[str]) -> str:
     text, _ = run.communicate(timeout=1800)
     assert run.returncode == 0, text
     return text
@@ -213,11 +213,11 @@ with get_client(sync_client=True) as client:
     print(json.dumps([{"id": str(it.id), "name": it.name, "state": it.state.type.value}
                       for it in client.read_flow_runs()]))
 """
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code], env=server.environment, capture_output=True, check=True
     )
-    return [run for run in json.loads(done.stdout) if run["state"] != "SCHEDULED"]
+    return [run for run in json.loads(process.stdout) if run["state"] != "SCHEDULED"]
 
 
-def kept(catalog: Catalog) -> list[dict]:
-    return catalog.transfers().sort_values("transfer_id")[KEPT].to_dict("records")
+def rows_of(catalog: Catalog) -> list[dict]:
+    return catalog.transfers().sort_values("transfer_id")[COLUMNS].to_dict("records")

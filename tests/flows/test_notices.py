@@ -26,10 +26,10 @@ class Mailbox(socketserver.StreamRequestHandler):
 
     def handle(self) -> None:
         self.say("220 here")
-        mail, said = b"", []
+        mail, lines = b"", []
         while line := self.rfile.readline():
             word = line.split()[0].upper()
-            said.append(line.decode().strip())
+            lines.append(line.decode().strip())
             if word == b"EHLO":
                 self.say("250-here\r\n250 AUTH PLAIN LOGIN")
             elif word == b"AUTH":
@@ -44,7 +44,7 @@ class Mailbox(socketserver.StreamRequestHandler):
                 break
             else:
                 self.say("250 fine")
-        self.server.received.put((said, mail))
+        self.server.received.put((lines, mail))
 
     def say(self, text: str) -> None:
         self.wfile.write(f"{text}\r\n".encode())
@@ -83,9 +83,9 @@ def test_mail_says_what_failed_to_whom_it_was_told():
             f"mailto://user:password@127.0.0.1:{port}?to=ops@example.org&from=fleet@example.org&mode=insecure"
         )
         automations._block(address).notify(BODY, SUBJECT)
-        said, mail = received.get(timeout=20)
-    assert "rcpt to:<ops@example.org>" in [line.lower() for line in said]
-    assert any(line.startswith("AUTH") for line in said)
+        lines, mail = received.get(timeout=20)
+    assert "rcpt to:<ops@example.org>" in [line.lower() for line in lines]
+    assert any(line.startswith("AUTH") for line in lines)
     message = message_from_bytes(mail, policy=policy.default)
     assert message["Subject"] == SUBJECT and "fleet@example.org" in message["From"]
     assert BODY in message.get_body(("plain", "html")).get_content()
@@ -97,14 +97,14 @@ def test_slack_says_what_failed(monkeypatch):
     with listening(ThreadingHTTPServer(("127.0.0.1", 0), Hook)) as (port, received):
         monkeypatch.setattr(NotifySlack, "webhook_url", f"http://127.0.0.1:{port}/services")
         block.notify(BODY, SUBJECT)
-        said = json.dumps(received.get(timeout=20))
-    assert BODY in said and SUBJECT in said
+        content = json.dumps(received.get(timeout=20))
+    assert BODY in content and SUBJECT in content
 
 
 @pytest.mark.parametrize("url", ["http://ops.example.org/hook", "https://ops.example.org/hook"])
 def test_a_webhook_gets_the_words_apart(url):
-    said = automations._block(url).json_data
-    assert said == {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
+    content = automations._block(url).json_data
+    assert content == {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
 
 
 @pytest.mark.parametrize("url", ["nonsense", "http://", "foo://secret@somewhere", "https://[", "mailto://"])

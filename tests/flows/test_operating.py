@@ -46,14 +46,14 @@ def test_systemd_finds_nothing_wrong_with_the_units(tmp_path):
     for name, unit in UNITS.items():
         here = unit.replace("/srv/upplied/.venv/bin/", f"{Path(sys.executable).parent}/")
         (tmp_path / name).write_text(here.replace("User=upplied\n", ""))
-    done = subprocess.run(
+    process = subprocess.run(
         ["systemd-analyze", "verify", *sorted(map(str, tmp_path.iterdir()))],
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert not [line for line in done.stderr.splitlines() if "upplied" in line]
+    assert process.returncode == 0, process.stderr
+    assert not [line for line in process.stderr.splitlines() if "upplied" in line]
 
 
 def test_the_units_run_what_is_there():
@@ -97,21 +97,21 @@ def test_the_images_steps_make_a_program_that_serves(tmp_path):
     locked, ours = (step.split("&&")[0].split() for step in steps)
     assert "--require-hashes" in locked and locked[-1] == "requirements-runtime.lock"
     there = tmp_path / "installed"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, *ours[1:], "--target", there, "--quiet"],
         cwd=tmp_path / "build",
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert process.returncode == 0, process.stdout + process.stderr
     assert {path.name for path in there.iterdir() if path.is_dir() and "dist-info" not in path.name} <= {
         "upplied",
         "bin",
     }, "something of a common name lands in site-packages"
     assert (there / "upplied" / "flows" / "prefect.yaml").read_bytes() == (ROOT / "prefect.yaml").read_bytes()
     code = "import upplied.flows.serve as s; print(s.__file__, s.env.carried('prefect.yaml'))"
-    told = subprocess.run(
+    output = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"PYTHONPATH": str(there), "UPPLIED_HOME": ""},
         cwd=tmp_path,
@@ -119,7 +119,7 @@ def test_the_images_steps_make_a_program_that_serves(tmp_path):
         text=True,
         check=True,
     )
-    assert told.stdout.count(str(there)) == 2, "the clone was imported"
+    assert output.stdout.count(str(there)) == 2, "the clone was imported"
     entry = re.search(r"^ENTRYPOINT (.+)$", DOCKERFILE, re.MULTILINE)[1]
     assert json.loads(entry) == ["upplied"] and (there / "bin" / "upplied").is_file()
 
@@ -130,18 +130,18 @@ def database(tmp_path) -> Iterator[str]:
     programs = {name: shutil.which(name) for name in ("initdb", "postgres", "psql")}
     if None in programs.values():
         pytest.skip("PostgreSQL is not installed")
-    said = {
+    variables = {
         name: text.split(":?")[0] for name, text in COMPOSE["services"]["database"]["environment"].items()
     }
-    said["POSTGRES_PASSWORD"] = PASSWORD
+    variables["POSTGRES_PASSWORD"] = PASSWORD
     base, port, somebody = Path(tempfile.mkdtemp(prefix="upplied-")), free_port(), {}
     folder, password = base / "data", base / "password"
-    password.write_text(said["POSTGRES_PASSWORD"])
+    password.write_text(variables["POSTGRES_PASSWORD"])
     if os.geteuid() == 0:  # as which PostgreSQL refuses to run; nobody may not enter the test's own folder
         somebody = {"user": "nobody", "cwd": "/"}
         for path in (base, password):
             shutil.chown(path, "nobody")
-    login = ["-U", said["POSTGRES_USER"], "-A", "scram-sha-256", f"--pwfile={password}"]
+    login = ["-U", variables["POSTGRES_USER"], "-A", "scram-sha-256", f"--pwfile={password}"]
     subprocess.run([programs["initdb"], "-D", folder, *login], check=True, capture_output=True, **somebody)
     options = ["-c", "listen_addresses=127.0.0.1", "-c", f"unix_socket_directories={base}"]
     with (tmp_path / "database.log").open("wb") as log:
@@ -153,8 +153,10 @@ def database(tmp_path) -> Iterator[str]:
             **somebody,
         )
     try:
-        address = f"postgresql://{said['POSTGRES_USER']}:{said['POSTGRES_PASSWORD']}@127.0.0.1:{port}"
-        make = [programs["psql"], f"{address}/postgres", "-c", f"create database {said['POSTGRES_DB']}"]
+        address = (
+            f"postgresql://{variables['POSTGRES_USER']}:{variables['POSTGRES_PASSWORD']}@127.0.0.1:{port}"
+        )
+        make = [programs["psql"], f"{address}/postgres", "-c", f"create database {variables['POSTGRES_DB']}"]
         for _ in range(120):
             if subprocess.run(make, capture_output=True, check=False).returncode == 0:
                 break
@@ -175,20 +177,20 @@ def test_the_compose_files_services_work_on_postgresql(tmp_path, database, fleet
     """Server and worker as the file says, with the addresses of this machine in place of its own names."""
     port, place = free_port(), tmp_path / "fleet"
     place.mkdir()
-    kept = {
+    variables = {
         name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "UPPLIED_"))
     }
-    kept |= {"UPPLIED_HOME": str(place), "UPPLIED_PORT": str(port)}
+    variables |= {"UPPLIED_HOME": str(place), "UPPLIED_PORT": str(port)}
 
-    def told(service: str) -> dict[str, str]:
-        said = COMPOSE["services"][service]["environment"]
+    def environment_of(service: str) -> dict[str, str]:
+        values = COMPOSE["services"][service]["environment"]
         text = (
-            json.dumps(said)
+            json.dumps(values)
             .replace("database:5432", database)
             .replace("http://server:4200", f"http://127.0.0.1:{port}")
         )
         return (
-            kept
+            variables
             | json.loads(re.sub(r"\$\{UPPLIED_PASSWORD.*?\}", PASSWORD, text))
             | {"UPPLIED_BIND": "127.0.0.1"}
         )
@@ -202,11 +204,11 @@ def test_the_compose_files_services_work_on_postgresql(tmp_path, database, fleet
         for name in ("server", "worker") if fleet else ("server",):
             command = COMPOSE["services"][name]["command"].split()
             with (tmp_path / f"{name}.log").open("wb") as log:
-                running.append(start("upplied", *command, environment=told(name), log=log))
+                running.append(start("upplied", *command, environment=environment_of(name), log=log))
             if name == "server":
                 wait_for(f"http://127.0.0.1:{port}/api/health", tmp_path / "server.log")
         if fleet:
-            run_once(told("worker") | {"PREFECT_HOME": str(tmp_path / "client")}, tmp_path)
+            run_once(environment_of("worker") | {"PREFECT_HOME": str(tmp_path / "client")}, tmp_path)
         api_url = f"http://127.0.0.1:{port}/api"
         listed = prefect_api.ask(api_url, "automations/filter", {}, f"upplied:{PASSWORD}")
         assert ("a silent run is marked crashed" in {item["name"] for item in listed}) == fleet
@@ -224,12 +226,14 @@ def run_once(client: dict[str, str], place: Path) -> None:
     while b"started!" not in (place / "worker.log").read_bytes():
         assert time.monotonic() < deadline, (place / "worker.log").read_text()
         time.sleep(1)
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "upplied", "fleet", "run", 'presets=["baseline"]', 'reports=""'],
         env=client, cwd=place, capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
-    assert "Completed: 1 ok, 0 refused, 0 failed, 0 unchanged" in done.stdout, done.stdout + done.stderr
-    assert done.returncode == 0
+    assert "Completed: 1 ok, 0 refused, 0 failed, 0 unchanged" in process.stdout, (
+        process.stdout + process.stderr
+    )
+    assert process.returncode == 0
 
 
 def wait_for(url: str, log: Path, patience_s: float = 240) -> None:

@@ -34,17 +34,17 @@ FLOWS = {
     ],
 )
 def test_what_no_rule_or_bound_can_be_is_refused_when_it_is_said(what, wrong):
-    flow, given = FLOWS[what]
-    flow.validate_parameters(given)
+    flow, parameters = FLOWS[what]
+    flow.validate_parameters(parameters)
     with pytest.raises(ParameterTypeError):
-        flow.validate_parameters({**given, **wrong})
+        flow.validate_parameters({**parameters, **wrong})
 
 
 def test_bounds_that_are_said_reach_the_reader():
     changed = PassportSettings.changed
     assert changed(tuple(bound_options(FlightBounds()))) == changed(())
-    said = bound_options(FlightBounds(max_speed_mps=40, max_clock_steps=3))
-    assert changed(tuple(said)) == changed(("max_speed_mps=40", "max_clock_steps=3"))
+    options = bound_options(FlightBounds(max_speed_mps=40, max_clock_steps=3))
+    assert changed(tuple(options)) == changed(("max_speed_mps=40", "max_clock_steps=3"))
 
 
 def read(catalog: str, folder, allow=(), strict=False, bounds=()) -> list[dict]:

@@ -28,8 +28,8 @@ def installed(tmp_path_factory) -> Path:
     """The built wheel, unpacked; its dependencies are those of this environment."""
     place = tmp_path_factory.mktemp("wheel")
     command = ["pip", "wheel", str(ROOT), "--no-deps", "--no-build-isolation", "--quiet", "-w", str(place)]
-    done = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    process = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stdout + process.stderr
     (wheel,) = place.glob("*.whl")
     with zipfile.ZipFile(wheel) as packed:
         names = packed.namelist()
@@ -44,7 +44,7 @@ def upplied(
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "upplied", *words],
-        env=told(installed),
+        env=environment_of(installed),
         cwd=folder,
         capture_output=True,
         text=True,
@@ -53,9 +53,11 @@ def upplied(
     )
 
 
-def told(installed: Path) -> dict[str, str]:
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT", "UPPLIED"))}
-    return kept | {"PYTHONPATH": str(installed)}
+def environment_of(installed: Path) -> dict[str, str]:
+    variables = {
+        name: value for name, value in os.environ.items() if not name.startswith(("PREFECT", "UPPLIED"))
+    }
+    return variables | {"PYTHONPATH": str(installed)}
 
 
 def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
@@ -64,7 +66,7 @@ def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
     with log.open("wb") as file:
         service = subprocess.Popen(
             [sys.executable, "-m", "upplied", "serve", "--port", "0"],
-            env=told(installed),
+            env=environment_of(installed),
             cwd=tmp_path,
             stdout=file,
             stderr=file,
@@ -94,6 +96,6 @@ def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
 
 
 def test_the_quickstart_runs_in_an_empty_folder(installed, tmp_path):
-    done = upplied(installed, tmp_path, "quickstart")
-    assert done.returncode == 0, done.stdout + done.stderr
+    process = upplied(installed, tmp_path, "quickstart")
+    assert process.returncode == 0, process.stdout + process.stderr
     assert (tmp_path / "reports" / "transfers.parquet").is_dir()

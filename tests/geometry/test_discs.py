@@ -34,11 +34,11 @@ def cloud(points: np.ndarray, normals: np.ndarray | None = None) -> Structure:
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.01, 0.03])
-@pytest.mark.parametrize("given", [True, False])
-def test_what_a_cloud_promises_is_kept_on_the_surface_that_was_scanned(noise_m: float, given: bool) -> None:
+@pytest.mark.parametrize("facing", [True, False])
+def test_what_a_cloud_promises_is_kept_on_the_surface_that_was_scanned(noise_m: float, facing: bool) -> None:
     rng = np.random.default_rng(3)
     points, normals = on_box(6000, rng)
-    scene = scene_of(cloud(points + rng.normal(0, noise_m, points.shape), normals if given else None), 1)
+    scene = scene_of(cloud(points + rng.normal(0, noise_m, points.shape), normals if facing else None), 1)
     places = rng.uniform(-1, 1, (5000, 3)) * (BOX + 4)
     away = off_box(places)
     promised, true = scene.distance(places)[away > 1], away[away > 1]

@@ -37,9 +37,9 @@ def test_values_are_met_at_their_places_and_lie_on_the_line_between() -> None:
 
 @pytest.mark.parametrize(("count", "most"), [(1, 1), (5, 9), (9, 5), (100, 7), (7, 7), (4000, 1500)])
 def test_a_choice_has_both_ends_and_even_gaps(count: int, most: int) -> None:
-    found = chosen_evenly(count, most)
-    assert len(found) == min(count, most) and found[0] == 0 and found[-1] == (count - 1 if most > 1 else 0)
-    gaps = np.diff(found)
+    chosen = chosen_evenly(count, most)
+    assert len(chosen) == min(count, most) and chosen[0] == 0 and chosen[-1] == (count - 1 if most > 1 else 0)
+    gaps = np.diff(chosen)
     assert len(gaps) == 0 or (gaps.min() >= 1 and gaps.max() - gaps.min() <= 1)
 
 

@@ -25,8 +25,8 @@ DRAWN = [*sample_structures()] + [
 
 
 def of(vertices: np.ndarray, triangles: np.ndarray, surface: str | None = None) -> Structure:
-    made = np.asarray(vertices, float), np.asarray(triangles, np.int64)
-    return Structure("made", "tank", *made, surface=surface)
+    arrays = np.asarray(vertices, float), np.asarray(triangles, np.int64)
+    return Structure("made", "tank", *arrays, surface=surface)
 
 
 @cache
@@ -55,8 +55,8 @@ def scanned(structure: Structure, number: int = 12_000, depth: int = 7, noise_m:
     rng = np.random.default_rng(3)
     points = np.asarray(cloud.points)
     cloud.points = utility.Vector3dVector(points + rng.normal(0, noise_m, points.shape))
-    made, _ = geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
-    return of(made.vertices, made.triangles, "scanned")
+    surface, _ = geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
+    return of(surface.vertices, surface.triangles, "scanned")
 
 
 @cache
@@ -111,11 +111,11 @@ def error_mm(structure: Structure) -> float:
 
 def assert_drawn_whatever_is_done_to_it(drawn: Structure) -> None:
     """Exact to 3 mm, as rough as it was made, its likeness to scans the same, and no scan."""
-    given = error_mm(drawn)
-    assert given < 3
+    error = error_mm(drawn)
+    assert error < 3
     off = moved(drawn, 1e-3)
     assert 0.5 < error_mm(off) < 10
-    assert error_mm(divided(drawn)) < given + 1e-3 and error_mm(divided(off)) < 10
+    assert error_mm(divided(drawn)) < error + 1e-3 and error_mm(divided(off)) < 10
     for of_order in (drawn, off):
         assert error_mm(reordered(of_order)) == pytest.approx(error_mm(of_order), abs=0.1)
     fine, coarse = (replace(drawn, vertices=np.round(drawn.vertices, digits)) for digits in (3, 2))
@@ -178,13 +178,13 @@ def test_what_looks_like_a_scan_is_warned_of_until_it_is_declared(name: str) -> 
 @pytest.mark.parametrize("depth", [6, 7, pytest.param(8, marks=pytest.mark.slow)])
 def test_the_surface_is_no_nearer_than_its_reconstruction_promises(depth: int, noise_m: float) -> None:
     true = Scene(wedge().vertices, wedge().triangles, 1)
-    found = scene_of(scanned(wedge(), 30_000, depth, noise_m), 1)
+    scene = scene_of(scanned(wedge(), 30_000, depth, noise_m), 1)
     places = np.random.default_rng(5).uniform([-4, -4, -4], [9, 24, 4], (20_000, 3))
     places = places[true.distance(places) > 1]
-    assert (found.distance(places) <= true.distance(places) + 1e-3).all()
-    assert 0 < found.error_m < 1.5
+    assert (scene.distance(places) <= true.distance(places) + 1e-3).all()
+    assert 0 < scene.error_m < 1.5
     # Without the error it is nearer: the trailing edge was rounded off.
-    assert (found.distance(places) + found.error_m > true.distance(places) + 0.02).any()
+    assert (scene.distance(places) + scene.error_m > true.distance(places) + 0.02).any()
 
 
 @pytest.fixture(scope="module")
@@ -194,26 +194,26 @@ def mast_cut_off() -> Structure:
 
 
 def test_of_what_is_thin_more_may_be_lost(mast_cut_off: Structure) -> None:
-    held, whole, found = reconstruction.held(mast_cut_off), masted(7.0), scene_of(mast_cut_off, 1)
+    reach, whole, scene = reconstruction.held(mast_cut_off), masted(7.0), scene_of(mast_cut_off, 1)
     true = Scene(whole.vertices, whole.triangles, 1)
-    assert 0.2 < held.thin_m < held.error_m < 0.9 < held.thin_error_m < 1.6
+    assert 0.2 < reach.thin_m < reach.error_m < 0.9 < reach.thin_error_m < 1.6
     places = np.random.default_rng(5).uniform([-3, -3, 5], [3, 3, 10], (4000, 3))
     places = places[true.distance(places) > 1]
-    assert (found.distance(places) <= true.distance(places) + 1e-3).all()
-    assert (found.apart(places) - held.error_m > true.distance(places) + 0.1).any()
+    assert (scene.distance(places) <= true.distance(places) + 1e-3).all()
+    assert (scene.apart(places) - reach.error_m > true.distance(places) + 0.1).any()
     # The walls are as far off the mast as their error tells, no more.
     beside = np.random.default_rng(6).uniform([-5, 4, -1], [-4, 7, 1], (200, 3))
-    np.testing.assert_allclose(found.distance(beside), found.apart(beside) - held.error_m)
+    np.testing.assert_allclose(scene.distance(beside), scene.apart(beside) - reach.error_m)
 
 
 def test_the_nearest_place_is_as_far_as_the_distance_and_belongs_to_its_triangle(
     mast_cut_off: Structure,
 ) -> None:
-    found = scene_of(mast_cut_off, 1)
+    scene = scene_of(mast_cut_off, 1)
     places = np.random.default_rng(7).uniform(-12, 12, (3000, 3))
-    places = places[found.distance(places) > 0]
-    near, triangle = found.closest(places)
-    np.testing.assert_allclose(np.linalg.norm(near - places, axis=1), found.distance(places), atol=1e-4)
+    places = places[scene.distance(places) > 0]
+    near, triangle = scene.closest(places)
+    np.testing.assert_allclose(np.linalg.norm(near - places, axis=1), scene.distance(places), atol=1e-4)
     exact = mast_cut_off.vertices[mast_cut_off.triangles[triangle]]
     off = np.linalg.norm(exact.mean(axis=1) - near, axis=1)
     size = np.linalg.norm(exact - exact.mean(axis=1, keepdims=True), axis=2).max(axis=1)
@@ -224,9 +224,9 @@ def test_the_nearest_place_is_as_far_as_the_distance_and_belongs_to_its_triangle
 
 def test_how_triangles_are_wound_and_what_is_declared_of_what_is_thin(mast_cut_off: Structure) -> None:
     places = np.random.default_rng(8).uniform([-3, -3, 5], [3, 3, 10], (500, 3))
-    found = scene_of(mast_cut_off, 1).distance(places)
+    distances = scene_of(mast_cut_off, 1).distance(places)
     turned = replace(mast_cut_off, triangles=mast_cut_off.triangles[:, ::-1])
-    np.testing.assert_allclose(scene_of(turned, 1).distance(places), found, atol=1e-4)
+    np.testing.assert_allclose(scene_of(turned, 1).distance(places), distances, atol=1e-4)
     stated = scene_of(replace(mast_cut_off, surface_error_m=0.1), 1)
     np.testing.assert_allclose(stated.distance(places), np.maximum(stated.apart(places) - 0.1, 0))
 

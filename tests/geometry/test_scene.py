@@ -28,8 +28,8 @@ import open3d.visualization.draw_plotly
 
 
 def test_open3ds_plots_load_when_they_are_asked_for():
-    done = subprocess.run([sys.executable, "-c", PLOTS_TWICE], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "Figure", "Figure", "draw_plotly"]
+    process = subprocess.run([sys.executable, "-c", PLOTS_TWICE], capture_output=True, text=True, check=True)
+    assert process.stdout.split() == ["False", "Figure", "Figure", "draw_plotly"]
 
 
 def test_an_open3d_that_is_loaded_already_stays_as_it_is():
@@ -39,8 +39,8 @@ before = open3d().visualization.draw_plotly
 open3d.cache_clear()
 print(open3d().visualization.draw_plotly is before)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True"]
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.split() == ["True"]
 
 
 class Counted:
@@ -144,7 +144,7 @@ def test_a_ray_at_a_cloud_meets_what_it_meets_of_the_discs_in_the_order_of_its_p
     )
     starts, ways = 12 * normals[:500], -normals[:500] + rng.normal(0, 0.3, (500, 3))
     vertices, triangles = discs_of(ball).mesh()
-    found, wanted = scene_of(ball).cast(starts, ways), Scene(vertices, triangles).cast(starts, ways)
-    np.testing.assert_array_equal(found[0], wanted[0])
-    np.testing.assert_array_equal(found[1], wanted[1])
-    assert (found[1] < 0).any() and (found[1] >= 0).any()
+    actual, expected = scene_of(ball).cast(starts, ways), Scene(vertices, triangles).cast(starts, ways)
+    np.testing.assert_array_equal(actual[0], expected[0])
+    np.testing.assert_array_equal(actual[1], expected[1])
+    assert (actual[1] < 0).any() and (actual[1] >= 0).any()

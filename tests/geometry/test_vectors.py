@@ -18,16 +18,16 @@ from upplied.geometry.vectors import (
 
 
 def unit(rng: np.random.Generator, number: int) -> np.ndarray:
-    found = rng.normal(size=(number, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    vectors = rng.normal(size=(number, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize("number", [16, 48, 60, 300])
 def test_directions_are_spread_evenly(number: int) -> None:
-    found = sphere(number)
-    assert np.linalg.norm(found, axis=1) == pytest.approx(1)
-    assert np.linalg.norm(found.mean(axis=0)) < 2 / number
-    nearest = cKDTree(found).query(found, k=2)[0][:, 1]
+    directions = sphere(number)
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(1)
+    assert np.linalg.norm(directions.mean(axis=0)) < 2 / number
+    nearest = cKDTree(directions).query(directions, k=2)[0][:, 1]
     assert nearest.min() > 0.5 * np.sqrt(4 * np.pi / number)  # an even share of the sphere as a square
 
 
@@ -46,18 +46,18 @@ def test_the_plane_of_neighbours_is_theirs() -> None:
     rng = np.random.default_rng(1)
     normal, flat = unit(rng, 1)[0], rng.normal(0, 5, (40, 3))
     flat -= (flat @ normal)[:, None] * normal
-    found = plane_normals(flat + 3 * normal, rng.integers(0, 40, (7, 12)))
-    assert np.abs(found @ normal) == pytest.approx(1)
+    normals = plane_normals(flat + 3 * normal, rng.integers(0, 40, (7, 12)))
+    assert np.abs(normals @ normal) == pytest.approx(1)
 
 
 def test_a_scaled_surface_keeps_its_normals_normal() -> None:
     rng = np.random.default_rng(2)
     normals, scale = unit(rng, 50), np.array([2.0, 0.5, 7.0])
     first, second = across(normals)
-    found = scaled_normals(normals, scale)
-    assert np.linalg.norm(found, axis=1) == pytest.approx(1)
+    scaled = scaled_normals(normals, scale)
+    assert np.linalg.norm(scaled, axis=1) == pytest.approx(1)
     for tangent in (first, second):
-        assert ((tangent * scale) * found).sum(axis=1) == pytest.approx(np.zeros(50), abs=1e-12)
+        assert ((tangent * scale) * scaled).sum(axis=1) == pytest.approx(np.zeros(50), abs=1e-12)
 
 
 def test_two_sides_of_a_sheet_lie_twice_the_weight_apart() -> None:

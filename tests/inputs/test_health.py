@@ -65,8 +65,8 @@ def test_the_report_says_how_far_the_surface_is_known(tmp_path: Path) -> None:
     assert "looks like a reconstruction" not in health_report(entry).text
     of = held(read_structure(entry))
     error_m, thin_m = of.error_m, of.thin_m
-    said = f"{error_m:.2f} m, inferred for a scan; objects thinner than {thin_m:.2f} m may be missing"
-    assert said in health_report(entry).text
+    sentence = f"{error_m:.2f} m, inferred for a scan; objects thinner than {thin_m:.2f} m may be missing"
+    assert sentence in health_report(entry).text
     assert "may be missing" not in health_report(replace(entry, surface_error_m=0.1)).text
 
 

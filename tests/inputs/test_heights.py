@@ -64,10 +64,10 @@ def test_the_antenna_of_the_receiver_is_not_the_body(tmp_path: Path) -> None:
     of_antenna = flown.positions + Rotation.from_quat(flown.quat_xyzw).apply(arm)
     path, facts = WRITERS["dataflash"](tmp_path, Flight(flown.t_ns, of_antenna, flown.quat_xyzw))
     options = LogOptions(structure_id="tank", body_T_antenna_position_m=tuple(arm), **facts)
-    found = read_demonstration(path, options)
-    assert np.abs(found.positions - flown.positions).max() < 0.02
+    actual = read_demonstration(path, options)
+    assert np.abs(actual.positions - flown.positions).max() < 0.02
     without = read_demonstration(path, replace(options, body_T_antenna_position_m=None))
-    assert np.abs(without.positions - of_antenna).max() < 0.02 and without.sha256 != found.sha256
+    assert np.abs(without.positions - of_antenna).max() < 0.02 and without.sha256 != actual.sha256
 
 
 @pytest.mark.parametrize(("ahead_s", "rule"), [(18.0, True), (37.1, True), (0.2, False), (25.0, False)])
@@ -78,8 +78,8 @@ def test_stamps_without_leap_seconds_are_named(ahead_s: float, rule: bool) -> No
     figures = steadiness(track, track, 0.5)
     assert figures.clock_ahead_s == pytest.approx(ahead_s, abs=1e-6)
     good = Measured(axis_pct=98.0, shown_pct=100.0, fit_pct=99.0, year=2026, clock_ahead_s=ahead_s)
-    found = [item.rule for item in rules.judged(good, PassportSettings())]
-    assert found == (["leap-seconds"] if rule else [])
+    names = [item.rule for item in rules.judged(good, PassportSettings())]
+    assert names == (["leap-seconds"] if rule else [])
 
 
 def test_a_receiver_whose_weeks_rolled_over_is_named() -> None:

@@ -33,18 +33,18 @@ def close(quats: np.ndarray, others: np.ndarray) -> bool:
 def test_poses_come_back(tmp_path: Path, schema: str) -> None:
     flown = flight()
     path = write_log(tmp_path / "left wing.mcap", [poses("/camera/pose", schema, flown)], FACTS)
-    found = read_demonstration(path)
-    assert np.array_equal(found.t_ns, flown.t_ns)
-    assert np.array_equal(found.positions, flown.positions)
-    assert close(found.quat_xyzw, flown.quat_xyzw)
-    assert (found.demonstration_id, found.structure_id) == ("left-wing", "a320")
-    assert (found.operator, found.site, found.topic, found.clock) == (
+    actual = read_demonstration(path)
+    assert np.array_equal(actual.t_ns, flown.t_ns)
+    assert np.array_equal(actual.positions, flown.positions)
+    assert close(actual.quat_xyzw, flown.quat_xyzw)
+    assert (actual.demonstration_id, actual.structure_id) == ("left-wing", "a320")
+    assert (actual.operator, actual.site, actual.topic, actual.clock) == (
         "Ada",
         "hall 3",
         "/camera/pose",
         "header",
     )
-    assert not found.dropped and not found.degraded and not len(found.breaks)
+    assert not actual.dropped and not actual.degraded and not len(actual.breaks)
 
 
 def test_a_moved_structure_gives_the_same_poses_in_its_frame(tmp_path: Path) -> None:
@@ -59,9 +59,9 @@ def test_a_moved_structure_gives_the_same_poses_in_its_frame(tmp_path: Path) -> 
         "structure_quat_xyzw": " ".join(map(str, turn.as_quat())),
     }
     path = write_log(tmp_path / "a.mcap", [poses("/pose", SCHEMAS[0], moved)], facts)
-    found = read_demonstration(path)
-    assert np.allclose(found.positions, flown.positions, atol=1e-9)
-    assert close(found.quat_xyzw, flown.quat_xyzw)
+    actual = read_demonstration(path)
+    assert np.allclose(actual.positions, flown.positions, atol=1e-9)
+    assert close(actual.quat_xyzw, flown.quat_xyzw)
 
 
 def test_a_chain_of_transforms_is_composed(tmp_path: Path) -> None:
@@ -91,15 +91,18 @@ def test_a_chain_of_transforms_is_composed(tmp_path: Path) -> None:
     latched = Topic("/tf_static", "tf2_msgs/msg/TFMessage", [(first, {"transforms": static})])
     info = Topic("/camera_info", "sensor_msgs/msg/CameraInfo", [(first, camera_info(first))])
     path = write_log(tmp_path / "a.mcap", [tf, latched, info], {"structure_id": "a320"})
-    found = read_demonstration(path)
-    assert np.allclose(found.positions, flown.positions, atol=1e-9)
-    assert close(found.quat_xyzw, flown.quat_xyzw)
-    assert found.camera.hfov_deg == pytest.approx(90.0)
-    assert (found.camera.min_range_m, found.camera.max_range_m) == (2.0, 50.0) and found.camera.lens is None
+    actual = read_demonstration(path)
+    assert np.allclose(actual.positions, flown.positions, atol=1e-9)
+    assert close(actual.quat_xyzw, flown.quat_xyzw)
+    assert actual.camera.hfov_deg == pytest.approx(90.0)
+    assert (actual.camera.min_range_m, actual.camera.max_range_m) == (
+        2.0,
+        50.0,
+    ) and actual.camera.lens is None
 
 
 @pytest.mark.parametrize(
-    ("said", "lens", "note"),
+    ("values", "lens", "note"),
     [
         ({"d": [-0.1, 0.02, 1e-3, -2e-3, 0.004]}, Lens("brown", (-0.1, 0.02, 1e-3, -2e-3, 0.004)), ""),
         ({"d": [0.0] * 5, "k": [320.0, 0, 330, 0, 320.0, 235, 0, 0, 1]},
@@ -110,12 +113,14 @@ def test_a_chain_of_transforms_is_composed(tmp_path: Path) -> None:
         ({"d": [float("nan")] * 5}, None, "is not used"),
     ],
 )  # fmt: skip
-def test_a_calibration_says_how_the_lens_distorts(tmp_path: Path, said: dict, lens: Lens, note: str) -> None:
+def test_a_calibration_says_how_the_lens_distorts(
+    tmp_path: Path, values: dict, lens: Lens, note: str
+) -> None:
     flown = flight()
-    info = [(int(t), camera_info(int(t)) | said) for t in flown.t_ns[::50]]
+    info = [(int(t), camera_info(int(t)) | values) for t in flown.t_ns[::50]]
     topics = [poses("/pose", SCHEMAS[0], flown), Topic("/info", "sensor_msgs/msg/CameraInfo", info)]
-    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, FACTS))
-    assert found.camera.lens == lens and note in found.notes
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", topics, FACTS))
+    assert actual.camera.lens == lens and note in actual.notes
 
 
 def camera_info(t_ns: int) -> dict:
@@ -136,11 +141,11 @@ def test_the_side_car_wins_over_the_metadata_and_that_over_the_options(tmp_path:
     path.with_suffix(".toml").write_text(
         '[inspection]\nstructure_id = "b747"\nstructure_position_m = [1, 2, 3]\ncamera_max_range_m = 20\n'
     )
-    found = read_demonstration(path, LogOptions(operator="Bob", site="field", structure_id="x"))
-    assert (found.structure_id, found.operator, found.site) == ("b747", "Ada", "hall 3")
-    assert found.camera.max_range_m == 20.0
-    assert np.allclose(found.positions, flight().positions - [1, 2, 3])
-    assert "overruled" in found.notes
+    actual = read_demonstration(path, LogOptions(operator="Bob", site="field", structure_id="x"))
+    assert (actual.structure_id, actual.operator, actual.site) == ("b747", "Ada", "hall 3")
+    assert actual.camera.max_range_m == 20.0
+    assert np.allclose(actual.positions, flight().positions - [1, 2, 3])
+    assert "overruled" in actual.notes
 
 
 def test_bad_samples_are_counted_and_too_many_refused(tmp_path: Path) -> None:
@@ -150,9 +155,9 @@ def test_bad_samples_are_counted_and_too_many_refused(tmp_path: Path) -> None:
     topic = poses("/pose", SCHEMAS[0], flown)
     topic.messages += [topic.messages[20], topic.messages[40]]
     path = write_log(tmp_path / "a.mcap", [topic], FACTS)
-    found = read_demonstration(path)
-    assert len(found) == len(flown.t_ns) - 2
-    assert found.dropped == {"not a number": 1, "quaternion not of unit length": 1, "repeated": 2}
+    actual = read_demonstration(path)
+    assert len(actual) == len(flown.t_ns) - 2
+    assert actual.dropped == {"not a number": 1, "quaternion not of unit length": 1, "repeated": 2}
     flown.positions[::10] = np.nan
     path = write_log(tmp_path / "b.mcap", [poses("/pose", SCHEMAS[0], flown)], FACTS)
     with pytest.raises(InputError, match="at most 5%"):

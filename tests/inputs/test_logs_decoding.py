@@ -158,26 +158,26 @@ def test_ros1_equals_the_stock_decoder() -> None:
     kind = dynamic.generate_dynamic("p/Outer", text)["p/Outer"]
     payloads = []
     for i in range(20):
-        told = kind()
-        told.header.seq, told.header.frame_id, told.last = i, "f" * (i % 4), i / 7
-        told.header.stamp.secs, told.header.stamp.nsecs = 1_700_000_000 + i, i
-        told.some = list(range(i % 3))
-        for j, inner in enumerate(told.inner or []):
+        message = kind()
+        message.header.seq, message.header.frame_id, message.last = i, "f" * (i % 4), i / 7
+        message.header.stamp.secs, message.header.stamp.nsecs = 1_700_000_000 + i, i
+        message.some = list(range(i % 3))
+        for j, inner in enumerate(message.inner or []):
             inner.name, inner.pair = "n" * j, [i, j]
         buffer = io.BytesIO()
-        told.serialize(buffer)
+        message.serialize(buffer)
         payloads.append(buffer.getvalue())
     stock = StockRos1().decoder_for(
         "ros1", Schema(id=1, name="p/Outer", encoding="ros1msg", data=text.encode())
     )
     decoder = ros("p/Outer", text, cdr=False)
     columns, _, _ = decoder.columns(payloads, decoder.paths)
-    for i, found in enumerate(map(stock, payloads)):
-        assert columns["last"][2 * i] == found.last
-        assert columns["header.frame_id"][2 * i] == found.header.frame_id
-        assert columns["header.stamp.sec"][2 * i] == found.header.stamp.secs
-        assert columns["inner[].name"][2 * i + 1] == found.inner[1].name
-        assert columns["inner[].pair"][2 * i + 1].tolist() == list(found.inner[1].pair)
+    for i, message in enumerate(map(stock, payloads)):
+        assert columns["last"][2 * i] == message.last
+        assert columns["header.frame_id"][2 * i] == message.header.frame_id
+        assert columns["header.stamp.sec"][2 * i] == message.header.stamp.secs
+        assert columns["inner[].name"][2 * i + 1] == message.inner[1].name
+        assert columns["inner[].pair"][2 * i + 1].tolist() == list(message.inner[1].pair)
 
 
 @settings(max_examples=200, deadline=None)

@@ -45,12 +45,12 @@ PLACE = {
 }
 
 
-def assert_flown(found: Demonstration, flown: Flight, metres: float = 1e-9, radians: float = 1e-6) -> None:
+def assert_flown(actual: Demonstration, flown: Flight, metres: float = 1e-9, radians: float = 1e-6) -> None:
     """The same poses at the same times."""
-    index = np.searchsorted(found.t_ns, flown.t_ns)
-    assert np.array_equal(found.t_ns[index], flown.t_ns)
-    assert np.abs(found.positions[index] - flown.positions).max() <= metres
-    assert angle_between(found.quat_xyzw[index], flown.quat_xyzw).max() <= radians
+    index = np.searchsorted(actual.t_ns, flown.t_ns)
+    assert np.array_equal(actual.t_ns[index], flown.t_ns)
+    assert np.abs(actual.positions[index] - flown.positions).max() <= metres
+    assert angle_between(actual.quat_xyzw[index], flown.quat_xyzw).max() <= radians
 
 
 def stamped(flown: Flight, key: str = "nsec") -> list[tuple[int, dict]]:
@@ -77,10 +77,10 @@ def test_foxglove_protobuf(tmp_path: Path) -> None:
     flown = flight()
     topic = protobuf_topic("/pose", "foxglove.PoseInFrame", foxglove_file(), stamped(flown, "nanos"))
     del topic.messages[3][1]["pose"]  # an absent pose is no pose at the origin
-    found = read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS))
-    assert found.dropped == {"not a number": 1}
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS))
+    assert actual.dropped == {"not a number": 1}
     keep = np.arange(len(flown.t_ns)) != 3
-    assert_flown(found, Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep]))
+    assert_flown(actual, Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep]))
 
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
@@ -89,9 +89,9 @@ def test_foxglove_transforms_and_calibration(tmp_path: Path, encoding: str) -> N
     optical = Rotation.from_quat(flown.quat_xyzw) * Rotation.from_euler("ZYX", [-90, 0, -90], degrees=True)
     key = "nsec" if encoding == "json" else "nanos"
     messages = []
-    for (t, told), p, q in zip(stamped(flown, key), flown.positions, optical.as_quat(), strict=True):
+    for (t, content), p, q in zip(stamped(flown, key), flown.positions, optical.as_quat(), strict=True):
         link = {"parent_frame_id": "map", "child_frame_id": "cam", "translation": xyz(p), "rotation": xyzw(q)}
-        messages.append((t, {"transforms": [link | {"timestamp": told["timestamp"]}]}))
+        messages.append((t, {"transforms": [link | {"timestamp": content["timestamp"]}]}))
     info = {"frame_id": "cam", "width": 100, "height": 50, "distortion_model": "plumb_bob"}
     calibration = [(messages[0][0], info | {"K": [50.0, 0, 50, 0, 50.0, 25, 0, 0, 1]})]
     names = ("foxglove.FrameTransforms", "foxglove.CameraCalibration")
@@ -103,10 +103,10 @@ def test_foxglove_transforms_and_calibration(tmp_path: Path, encoding: str) -> N
             protobuf_topic("/tf", names[0], file, messages),
             protobuf_topic("/cal", names[1], file, calibration),
         ]
-    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, {"structure_id": "a320"}))
-    assert_flown(found, flown)
-    assert found.camera.hfov_deg == pytest.approx(90.0)
-    assert found.camera.vfov_deg == pytest.approx(2 * np.degrees(np.arctan(0.5)))
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", topics, {"structure_id": "a320"}))
+    assert_flown(actual, flown)
+    assert actual.camera.hfov_deg == pytest.approx(90.0)
+    assert actual.camera.vfov_deg == pytest.approx(2 * np.degrees(np.arctan(0.5)))
 
 
 def test_ros1(tmp_path: Path) -> None:
@@ -142,15 +142,15 @@ def test_px4_odometry(tmp_path: Path, suffix: str) -> None:
     )
     topic.messages[9][1]["position"] = [np.nan] * 3
     topic.messages[10][1]["q"] = [np.nan, 0, 0, 0]
-    for _, told in topic.messages[100:]:
-        told["reset_counter"] = 1
-    found = read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS))
+    for _, content in topic.messages[100:]:
+        content["reset_counter"] = 1
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS))
     keep = np.r_[0:9, 11:300]
     flown = Flight(flown.t_ns[keep] // 1000 * 1000, flown.positions[keep], flown.quat_xyzw[keep])
-    assert_flown(found, flown, 2e-6, 1e-3)
-    assert found.dropped == {"not a number": 2}
-    assert found.breaks.tolist() == [98]
-    assert "1 estimator reset" in found.notes
+    assert_flown(actual, flown, 2e-6, 1e-3)
+    assert actual.dropped == {"not a number": 2}
+    assert actual.breaks.tolist() == [98]
+    assert "1 estimator reset" in actual.notes
 
 
 def px4_wind(t_ns: int, east: float, north: float) -> dict:
@@ -166,26 +166,29 @@ TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
 
 
 @pytest.mark.parametrize(
-    ("topic", "schema", "told"),
+    ("topic", "schema", "message_of"),
     [
         ("/fmu/out/wind", "px4_msgs/msg/Wind", px4_wind),
         ("/mavros/wind_estimation", TWIST, mavros_wind),
     ],
 )
-def test_the_wind_is_read_where_it_is_logged(tmp_path: Path, topic: str, schema: str, told) -> None:
+def test_the_wind_is_read_where_it_is_logged(tmp_path: Path, topic: str, schema: str, message_of) -> None:
     flown = flight()
     times = [int(t) for t in flown.t_ns[::10]]
-    blown = [told(t, 3.0 * (1 + (at == 4)), 4.0 * (1 + (at == 4))) for at, t in enumerate(times)]
+    blown = [message_of(t, 3.0 * (1 + (at == 4)), 4.0 * (1 + (at == 4))) for at, t in enumerate(times)]
     # before the flight, a diverged estimate, and none
-    more = [(times[0] - 10**9, told(times[0] - 10**9, 50.0, 0.0)), (times[3] + 1, told(times[3], 1e4, 0.0))]
-    more.append((times[5] + 1, told(times[5], np.nan, 0.0)))
+    more = [
+        (times[0] - 10**9, message_of(times[0] - 10**9, 50.0, 0.0)),
+        (times[3] + 1, message_of(times[3], 1e4, 0.0)),
+    ]
+    more.append((times[5] + 1, message_of(times[5], np.nan, 0.0)))
     wind = Topic(topic, schema, sorted([*zip(times, blown, strict=True), *more], key=lambda each: each[0]))
     body = poses("/pose", "geometry_msgs/msg/PoseStamped", flown)
-    found = read_demonstration(write_log(tmp_path / "a.mcap", [body, wind], FACTS | PLACE)).wind
-    assert found is not None and found.topic == topic
-    assert found.mean_mps == pytest.approx(5.0 * 31 / 30) and found.most_mps == pytest.approx(10.0)
+    estimate = read_demonstration(write_log(tmp_path / "a.mcap", [body, wind], FACTS | PLACE)).wind
+    assert estimate is not None and estimate.topic == topic
+    assert estimate.mean_mps == pytest.approx(5.0 * 31 / 30) and estimate.most_mps == pytest.approx(10.0)
     # towards 36.87 deg from north; +X of the structure is at 30: clockwise of it
-    assert found.towards_deg == pytest.approx(360 + 30 - np.degrees(np.arctan2(3.0, 4.0)))
+    assert estimate.towards_deg == pytest.approx(360 + 30 - np.degrees(np.arctan2(3.0, 4.0)))
     unplaced = read_demonstration(write_log(tmp_path / "b.mcap", [body, wind], FACTS)).wind
     assert unplaced is not None and unplaced.towards_deg is None
 
@@ -204,12 +207,14 @@ def test_a_log_without_wind_says_so(tmp_path: Path) -> None:
 def test_px4_odometry_of_arbitrary_heading_is_turned_to_z_up(tmp_path: Path) -> None:
     flown = flight()
     turn = Rotation.from_euler("z", -90, degrees=True)  # x y of FRD are x, -y of a frame with z up
-    told = px4(flown, pose_frame=2)
-    found = read_demonstration(
-        write_log(tmp_path / "a.mcap", [Topic("/o", "px4_msgs/msg/VehicleOdometry", told)], FACTS)
+    messages = px4(flown, pose_frame=2)
+    actual = read_demonstration(
+        write_log(tmp_path / "a.mcap", [Topic("/o", "px4_msgs/msg/VehicleOdometry", messages)], FACTS)
     )
-    assert np.allclose(found.positions, turn.apply(flown.positions), atol=2e-6)
-    assert angle_between(found.quat_xyzw, (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat()).max() < 1e-3
+    assert np.allclose(actual.positions, turn.apply(flown.positions), atol=2e-6)
+    assert (
+        angle_between(actual.quat_xyzw, (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat()).max() < 1e-3
+    )
 
 
 def test_px4_position_joined_with_attitude(tmp_path: Path) -> None:
@@ -219,11 +224,11 @@ def test_px4_position_joined_with_attitude(tmp_path: Path) -> None:
     position.messages[5][1]["xy_valid"] = False
     denser = flight(900, 90.0)
     attitude = Topic("/fmu/out/vehicle_attitude", "px4_msgs/msg/VehicleAttitude", px4(denser))
-    found = read_demonstration(write_log(tmp_path / "a.mcap", [position, attitude], FACTS))
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", [position, attitude], FACTS))
     keep = np.delete(np.arange(0, 300, 3), 5)
     flown = Flight(flown.t_ns[keep] // 1000 * 1000, flown.positions[keep], flown.quat_xyzw[keep])
-    assert_flown(found, flown, 2e-6, 1e-3)
-    assert found.dropped == {"no valid position": 1}
+    assert_flown(actual, flown, 2e-6, 1e-3)
+    assert actual.dropped == {"no valid position": 1}
 
 
 def test_px4_position_without_attitude_is_refused(tmp_path: Path) -> None:
@@ -270,8 +275,8 @@ def test_satellite_fixes_with_an_imu(tmp_path: Path) -> None:
         for t, q in zip(flown.t_ns, enu, strict=True)
     ]
     raw = [
-        (t, told | {"orientation_covariance": [-1.0] + [0.0] * 8, "orientation": xyzw([0, 0, 0, 1])})
-        for t, told in turns
+        (t, content | {"orientation_covariance": [-1.0] + [0.0] * 8, "orientation": xyzw([0, 0, 0, 1])})
+        for t, content in turns
     ]
     topics = [
         Topic("/fix", "sensor_msgs/msg/NavSatFix", fixes),
@@ -279,10 +284,10 @@ def test_satellite_fixes_with_an_imu(tmp_path: Path) -> None:
         Topic("/imu/data_raw", "sensor_msgs/msg/Imu", raw),
     ]
     path = write_log(tmp_path / "a.mcap", topics, FACTS | PLACE)
-    found = read_demonstration(path)
+    actual = read_demonstration(path)
     keep = np.delete(np.arange(300), 7)
-    assert_flown(found, Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep]), 1e-4, 1e-5)
-    assert found.dropped == {"no fix": 1}
+    assert_flown(actual, Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep]), 1e-4, 1e-5)
+    assert actual.dropped == {"no fix": 1}
     with pytest.raises(InputError, match="structure's place is unknown"):
         read_demonstration(write_log(tmp_path / "b.mcap", topics, FACTS))
     with pytest.raises(InputError, match="geoid_undulation_m"):
@@ -290,11 +295,11 @@ def test_satellite_fixes_with_an_imu(tmp_path: Path) -> None:
             write_log(tmp_path / "c.mcap", topics, FACTS | PLACE | {"structure_datum": "amsl"})
         )
     stands = Placement(47.3, 8.5, 450.0, 30.0)
-    given = read_demonstration(tmp_path / "b.mcap", placements={"a320": stands, "b747": stands})
-    assert np.array_equal(given.positions, found.positions)
+    other = read_demonstration(tmp_path / "b.mcap", placements={"a320": stands, "b747": stands})
+    assert np.array_equal(other.positions, actual.positions)
     lifted = FACTS | PLACE | {"structure_datum": "amsl", "structure_alt_m": "402", "geoid_undulation_m": "48"}
     assert np.allclose(
-        read_demonstration(write_log(tmp_path / "d.mcap", topics, lifted)).positions, found.positions
+        read_demonstration(write_log(tmp_path / "d.mcap", topics, lifted)).positions, actual.positions
     )
     with pytest.raises(InputError, match="km from the structure"):
         read_demonstration(
@@ -308,7 +313,7 @@ def test_px4_global_position_is_used_where_the_structure_is_placed(tmp_path: Pat
     enu = Flight(
         flown.t_ns, turn.apply(flown.positions), (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat()
     )
-    told = [
+    messages = [
         (
             t,
             content
@@ -324,14 +329,14 @@ def test_px4_global_position_is_used_where_the_structure_is_placed(tmp_path: Pat
         for (t, content), (a, b, c) in zip(px4(enu), places, strict=True)
     ]
     topics = [
-        Topic("/fmu/out/vehicle_global_position", "px4_msgs/msg/VehicleGlobalPosition", told),
+        Topic("/fmu/out/vehicle_global_position", "px4_msgs/msg/VehicleGlobalPosition", messages),
         Topic("/fmu/out/vehicle_attitude", "px4_msgs/msg/VehicleAttitude", px4(enu)),
         Topic("/fmu/out/vehicle_odometry", "px4_msgs/msg/VehicleOdometry", px4(flight(), pose_frame=1)),
     ]
-    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, FACTS | PLACE))
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", topics, FACTS | PLACE))
     flown = Flight(flown.t_ns // 1000 * 1000, flown.positions, flown.quat_xyzw)
-    assert_flown(found, flown, 5e-3, 1e-3)  # PX4's altitudes are of single precision
-    assert found.topic == "/fmu/out/vehicle_global_position"
+    assert_flown(actual, flown, 5e-3, 1e-3)  # PX4's altitudes are of single precision
+    assert actual.topic == "/fmu/out/vehicle_global_position"
 
 
 @pytest.mark.parametrize("maker", ["px4", "mavros"])
@@ -350,24 +355,24 @@ def test_a_gimbal_turns_the_camera(tmp_path: Path, maker: str, flags: int) -> No
     left = Rotation.from_quat([half, half, 0, 0]) if from_north else Rotation.from_quat([1, 0, 0, 0])
     frd = (left * relative * Rotation.from_quat([1, 0, 0, 0])).as_quat()
     if maker == "px4":
-        told = [
+        statuses = [
             (int(t), {"timestamp": int(t) // 1000, "device_flags": flags, "q": [q[3], *q[:3]]})
             for t, q in zip(flown.t_ns, frd, strict=True)
         ]
     else:
-        told = [
+        statuses = [
             (int(t), {"header": header(int(t), "base_link_frd"), "flags": flags, "q": xyzw(q)})
             for t, q in zip(flown.t_ns, frd, strict=True)
         ]
     topics = [
         poses("/pose", "geometry_msgs/msg/PoseStamped", body),
-        Topic("/gimbal", f"{maker}_msgs/msg/GimbalDeviceAttitudeStatus", told),
+        Topic("/gimbal", f"{maker}_msgs/msg/GimbalDeviceAttitudeStatus", statuses),
     ]
     offset = {"body_T_camera_position_m": "0 0 -0.2"}
-    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, BODY | offset))
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", topics, BODY | offset))
     lowered = Flight(flown.t_ns, flown.positions - (0, 0, 0.2), flown.quat_xyzw)
-    assert_flown(found, lowered, 1e-9, 1e-3)
-    assert "gimbal of /gimbal" in found.notes
+    assert_flown(actual, lowered, 1e-9, 1e-3)
+    assert "gimbal of /gimbal" in actual.notes
 
 
 def test_a_gimbal_in_the_transforms_turns_the_camera(tmp_path: Path) -> None:
@@ -418,38 +423,38 @@ def test_the_inspection_is_cut_out(tmp_path: Path, kind: str) -> None:
             times = [
                 {"seconds": int(flown.t_ns[i] // 10**9), "nanos": int(flown.t_ns[i] % 10**9)} for i in (a, b)
             ]
-            told = {
+            content = {
                 "start_time": times[0],
                 "end_time": times[1],
                 "metadata": [{"key": "phase", "value": word}],
             }
-            events.append((stop, told))
+            events.append((stop, content))
         topics.append(protobuf_topic("/events", "foxglove.Event", foxglove_file(), events))
     elif kind == "options":
         options = LogOptions(start_s=2.0, stop_s=8.0)
     else:
         facts |= {"start_ns": str(start), "end_ns": str(stop)}
-    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, facts), options)
-    assert (found.t_ns[0], found.t_ns[-1]) == (start, stop)
-    assert "181 of 300" in found.notes
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", topics, facts), options)
+    assert (actual.t_ns[0], actual.t_ns[-1]) == (start, stop)
+    assert "181 of 300" in actual.notes
 
 
 def test_a_log_of_one_pose_a_second_has_no_gaps_but_where_it_was_silent(tmp_path: Path) -> None:
     flown = flight()
     slowly = Flight(flown.t_ns[0] + np.arange(len(flown.t_ns)) * 10**9, flown.positions, flown.quat_xyzw)
-    found = read_demonstration(
+    actual = read_demonstration(
         write_log(tmp_path / "slow.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", slowly)], FACTS)
     )
-    assert not len(found.breaks) and "gap" not in found.notes
+    assert not len(actual.breaks) and "gap" not in actual.notes
     silent = Flight(
         slowly.t_ns + np.where(np.arange(len(flown.t_ns)) >= 9, 4 * 10**9, 0),
         flown.positions,
         flown.quat_xyzw,
     )
-    found = read_demonstration(
+    actual = read_demonstration(
         write_log(tmp_path / "gap.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", silent)], FACTS)
     )
-    assert found.breaks.tolist() == [9] and "1 gap" in found.notes
+    assert actual.breaks.tolist() == [9] and "1 gap" in actual.notes
 
 
 def test_gaps_jumps_and_resets_break_the_flight(tmp_path: Path) -> None:
@@ -457,21 +462,21 @@ def test_gaps_jumps_and_resets_break_the_flight(tmp_path: Path) -> None:
     flown.positions[100:] += (4.0, 0, 0)
     keep = np.r_[0:200, 230:400]
     flown = Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep])
-    found = read_demonstration(
+    actual = read_demonstration(
         write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", flown)], FACTS)
     )
-    assert found.breaks.tolist() == [100, 200]
-    assert "1 gap" in found.notes and "1 jump" in found.notes
+    assert actual.breaks.tolist() == [100, 200]
+    assert "1 gap" in actual.notes and "1 jump" in actual.notes
 
 
 def test_a_fast_flight_does_not_jump(tmp_path: Path) -> None:
     flown = flight()
     t_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
     flown.positions[:, 0] = 25.0 * t_s
-    found = read_demonstration(
+    actual = read_demonstration(
         write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", flown)], FACTS)
     )
-    assert not len(found.breaks)
+    assert not len(actual.breaks)
 
 
 def test_messages_that_the_recorder_compressed_are_unwrapped(tmp_path: Path) -> None:
@@ -479,30 +484,33 @@ def test_messages_that_the_recorder_compressed_are_unwrapped(tmp_path: Path) -> 
     topic = poses("/pose", "geometry_msgs/msg/PoseStamped", flown)
     encode = serialize_dynamic(topic.schema, ROS2[topic.schema])[topic.schema]
     packer = zstandard.ZstdCompressor()
-    topic.definition, topic.encode = ROS2[topic.schema].encode(), lambda told: packer.compress(encode(told))
+    topic.definition, topic.encode = (
+        ROS2[topic.schema].encode(),
+        lambda content: packer.compress(encode(content)),
+    )
     assert_flown(read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS)), flown)
 
 
 def test_a_boot_clock_is_kept_and_a_dead_one_passed_over(tmp_path: Path) -> None:
     booted = flight(start_ns=5_000_000_000)
-    found = read_demonstration(
+    actual = read_demonstration(
         write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", booted)], FACTS)
     )
-    assert found.clock == "header" and found.t_ns[0] == 5_000_000_000
+    assert actual.clock == "header" and actual.t_ns[0] == 5_000_000_000
     topic = poses("/pose", "geometry_msgs/msg/PoseStamped", flight())
-    for _, told in topic.messages:
-        told["header"] = header(0)
-    found = read_demonstration(write_log(tmp_path / "b.mcap", [topic], FACTS))
-    assert found.clock == "publish" and np.array_equal(found.t_ns, flight().t_ns)
+    for _, content in topic.messages:
+        content["header"] = header(0)
+    actual = read_demonstration(write_log(tmp_path / "b.mcap", [topic], FACTS))
+    assert actual.clock == "publish" and np.array_equal(actual.t_ns, flight().t_ns)
 
 
 def test_a_lone_sample_off_the_flight_is_dropped(tmp_path: Path) -> None:
     flown = flight()
     flown.positions[50] += (30.0, 0, 0)
-    found = read_demonstration(
+    actual = read_demonstration(
         write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", flown)], FACTS)
     )
-    assert found.dropped == {"far off its neighbours": 1} and not len(found.breaks)
+    assert actual.dropped == {"far off its neighbours": 1} and not len(actual.breaks)
 
 
 @pytest.mark.parametrize("drifts", [True, False])
@@ -526,8 +534,8 @@ def test_poses_come_into_the_frame_in_which_the_structure_is_placed(tmp_path: Pa
         Topic("/tf", "tf2_msgs/msg/TFMessage", corrections[::10] + corrections[-1:]),
     ]
     facts = FACTS | {"frame_id": "map", "structure_position_m": "0 0 0"}
-    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, facts))
-    assert_flown(found, flown, 1e-3, 1e-6)
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", topics, facts))
+    assert_flown(actual, flown, 1e-3, 1e-6)
     with pytest.raises(InputError, match="frame 'odom', the structure is placed in 'map'"):
         read_demonstration(write_log(tmp_path / "b.mcap", topics[:1], facts))
 
@@ -535,12 +543,12 @@ def test_poses_come_into_the_frame_in_which_the_structure_is_placed(tmp_path: Pa
 def test_an_estimate_that_begins_late_is_no_fault_of_the_log(tmp_path: Path) -> None:
     flown = flight()
     topic = Topic("/lp", "px4_msgs/msg/VehicleLocalPosition", px4(flown, xy_valid=True, z_valid=True))
-    for _, told in topic.messages[:100]:
-        told["xy_valid"] = False
+    for _, content in topic.messages[:100]:
+        content["xy_valid"] = False
     attitude = Topic("/att", "px4_msgs/msg/VehicleAttitude", px4(flown)[:280])
-    found = read_demonstration(write_log(tmp_path / "a.mcap", [topic, attitude], FACTS))
-    assert len(found) == 183  # the last attitude is held for a tenth of a second
-    assert found.dropped == {
+    actual = read_demonstration(write_log(tmp_path / "a.mcap", [topic, attitude], FACTS))
+    assert len(actual) == 183  # the last attitude is held for a tenth of a second
+    assert actual.dropped == {
         "no valid position yet or any more": 100,
         "no attitude yet or any more": 17,
     }
@@ -549,10 +557,10 @@ def test_an_estimate_that_begins_late_is_no_fault_of_the_log(tmp_path: Path) -> 
 def test_a_single_transform_a_message_is_read(tmp_path: Path) -> None:
     flown = flight()
     messages = [
-        (t, {"timestamp": told["timestamp"], "parent_frame_id": "map", "child_frame_id": "drone"})
-        for t, told in stamped(flown)
+        (t, {"timestamp": content["timestamp"], "parent_frame_id": "map", "child_frame_id": "drone"})
+        for t, content in stamped(flown)
     ]
-    for (_, told), p, q in zip(messages, flown.positions, flown.quat_xyzw, strict=True):
-        told |= {"translation": xyz(p), "rotation": xyzw(q)}
+    for (_, content), p, q in zip(messages, flown.positions, flown.quat_xyzw, strict=True):
+        content |= {"translation": xyz(p), "rotation": xyzw(q)}
     path = write_log(tmp_path / "a.mcap", [json_topic("/tf", "foxglove.FrameTransform", messages)], FACTS)
     assert_flown(read_demonstration(path), flown)

@@ -44,6 +44,6 @@ def test_the_fuzzer_runs_and_finds_nothing_in_a_short_time(tmp_path: Path) -> No
     pytest.importorskip("atheris")
     script = Path(__file__).parents[1] / "faults" / "fuzz_logs.py"
     command = [sys.executable, str(script), "--seconds", "15", "--findings", str(tmp_path / "found")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr[-2000:]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert process.returncode == 0, process.stderr[-2000:]
     assert not list((tmp_path / "found").iterdir())

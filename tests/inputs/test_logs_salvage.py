@@ -44,13 +44,13 @@ def sound(sound_path: Path) -> bytes:
 
 def chunks(data: bytes) -> list[tuple[int, int]]:
     """Start of the record and length of the content of each chunk."""
-    found, at = [], 8
+    places, at = [], 8
     while data[at] != 0x0F:
         length = int.from_bytes(data[at + 1 : at + 9], "little")
         if data[at] == 6:
-            found.append((at, length))
+            places.append((at, length))
         at += 9 + length
-    return found
+    return places
 
 
 def read(tmp_path: Path, data: bytes, name: str = "a.mcap"):
@@ -61,20 +61,20 @@ def read(tmp_path: Path, data: bytes, name: str = "a.mcap"):
 
 
 def test_a_sound_log_is_not_degraded(tmp_path: Path, sound: bytes) -> None:
-    found = read(tmp_path, sound)
-    assert len(found) == 3000 and not found.degraded and not found.notes.count("lost")
+    actual = read(tmp_path, sound)
+    assert len(actual) == 3000 and not actual.degraded and not actual.notes.count("lost")
 
 
 @pytest.mark.parametrize("share", [0.3, 0.55, 0.8])
 def test_a_truncated_log_keeps_every_whole_chunk(tmp_path: Path, sound: bytes, share: float) -> None:
     cut = int(len(sound) * share)
     whole = [at for at, length in chunks(sound) if at + 9 + length <= cut]
-    found = read(tmp_path, sound[:cut])
+    actual = read(tmp_path, sound[:cut])
     full = read(tmp_path, sound)
     per_chunk = len(full) / len(chunks(sound))
-    assert found.degraded and "not closed" in found.notes
-    assert abs(len(found) - len(whole) * per_chunk) <= per_chunk
-    assert np.array_equal(found.positions, full.positions[: len(found)])
+    assert actual.degraded and "not closed" in actual.notes
+    assert abs(len(actual) - len(whole) * per_chunk) <= per_chunk
+    assert np.array_equal(actual.positions, full.positions[: len(actual)])
 
 
 @pytest.mark.parametrize(
@@ -101,8 +101,8 @@ def test_damage_after_the_data_loses_nothing(tmp_path: Path, sound: bytes, damag
         "zeros at the end": sound[:end] + bytes(5000),
         "garbage at the end": sound + b"garbage",
     }[damage]
-    found = read(tmp_path, spoilt)
-    assert len(found) == 3000 and found.degraded
+    actual = read(tmp_path, spoilt)
+    assert len(actual) == 3000 and actual.degraded
 
 
 @pytest.mark.parametrize("damage", ["data", "length", "opcode", "size"])
@@ -119,12 +119,12 @@ def test_a_damaged_chunk_is_lost_alone(tmp_path: Path, sound: bytes, damage: str
         data[at] = 0x77
     else:
         data[at + 9 + 16 : at + 9 + 24] = struct.pack("<Q", 2**62)
-    found = read(tmp_path, bytes(data))
-    lost = 3000 - len(found)
+    actual = read(tmp_path, bytes(data))
+    lost = 3000 - len(actual)
     assert lost <= 1.1 * 3000 / len(places)
     if lost or not closed:
-        assert found.degraded
-    assert len(found.breaks) == (1 if lost > 50 else 0)
+        assert actual.degraded
+    assert len(actual.breaks) == (1 if lost > 50 else 0)
 
 
 @pytest.mark.parametrize(
@@ -144,14 +144,14 @@ def test_a_damaged_chunk_is_lost_alone(tmp_path: Path, sound: bytes, damage: str
 def test_every_way_of_writing_is_read(tmp_path: Path, writing: dict) -> None:
     flown = flight(300)
     path = write_log(tmp_path / "a.mcap", [poses("/pose", POSE, flown)], FACTS, **writing)
-    found = read_demonstration(path, OPTIONS)
-    assert np.array_equal(found.positions, flown.positions) and not found.degraded
+    actual = read_demonstration(path, OPTIONS)
+    assert np.array_equal(actual.positions, flown.positions) and not actual.degraded
 
 
 def test_an_unchunked_log_that_is_cut_keeps_its_messages(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", [poses("/pose", POSE, flight())], FACTS, use_chunking=False)
-    found = read(tmp_path, path.read_bytes()[:20_000], "b.mcap")
-    assert found.degraded and 100 < len(found) < 300
+    actual = read(tmp_path, path.read_bytes()[:20_000], "b.mcap")
+    assert actual.degraded and 100 < len(actual) < 300
 
 
 def test_a_flip_in_an_unchunked_log_is_told(tmp_path: Path) -> None:
@@ -161,8 +161,8 @@ def test_a_flip_in_an_unchunked_log_is_told(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     at = data.find(struct.pack("<d", flight().positions[100][0]))
     data[at] ^= 1
-    found = read(tmp_path, bytes(data), "b.mcap")
-    assert found.degraded and "CRC" in found.notes
+    actual = read(tmp_path, bytes(data), "b.mcap")
+    assert actual.degraded and "CRC" in actual.notes
 
 
 @pytest.mark.parametrize(
@@ -191,10 +191,10 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         read_demonstration(tmp_path)
 
 
-def bomb(chunk_bytes: int, count: int, told: int | None = None, content: bool = True) -> bytes:
+def bomb(chunk_bytes: int, count: int, header_bytes: int | None = None, content: bool = True) -> bytes:
     """A small log whose chunks unpack to zeros by the gigabyte."""
     packed = zstandard.ZstdCompressor(write_content_size=content).compress(bytes(chunk_bytes))
-    size = chunk_bytes if told is None else told
+    size = chunk_bytes if header_bytes is None else header_bytes
     body = (
         struct.pack("<QQQI", 0, 1, size, 0)
         + struct.pack("<I", 4)
@@ -210,11 +210,11 @@ def bomb(chunk_bytes: int, count: int, told: int | None = None, content: bool = 
 def test_a_bomb_does_not_go_off(tmp_path: Path) -> None:
     """100 kB in which each chunk unpacks to 200 MB, or lies about it, in a process of 1.5 GB."""
     paths = []
-    for told in (None, 1000, 2**62):
+    for size in (None, 1000, 2**62):
         for content in (True, False):
-            data = bomb(200 * 2**20, 8, told, content)
+            data = bomb(200 * 2**20, 8, size, content)
             assert len(data) < 200_000
-            paths.append(tmp_path / f"bomb-{told}-{content}.mcap")
+            paths.append(tmp_path / f"bomb-{size}-{content}.mcap")
             paths[-1].write_bytes(data)
     limit = 1536 * 2**20
     code = (
@@ -223,7 +223,7 @@ def test_a_bomb_does_not_go_off(tmp_path: Path) -> None:
         "for path in sys.argv[1:]:\n"
         "    try: read_demonstration(path)\n    except UppliedError as error: print(error)"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code, *map(str, paths)],
         capture_output=True,
         text=True,
@@ -231,8 +231,8 @@ def test_a_bomb_does_not_go_off(tmp_path: Path) -> None:
         env={"OPENBLAS_NUM_THREADS": "1", "PATH": ""},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
     )
-    assert done.returncode == 0, done.stderr
-    assert all(path.name in done.stdout for path in paths)
+    assert process.returncode == 0, process.stderr
+    assert all(path.name in process.stdout for path in paths)
 
 
 def test_many_indexes_of_one_chunk_are_one_chunk(tmp_path: Path, sound: bytes) -> None:
@@ -250,8 +250,8 @@ def test_many_indexes_of_one_chunk_are_one_chunk(tmp_path: Path, sound: bytes) -
     summary = body + entries
     footer = b"\x02" + struct.pack("<QQQ", 20, summary_start, 0)
     crc = zlib.crc32(footer, zlib.crc32(summary))
-    found = read(tmp_path, sound[:summary_start] + summary + footer + struct.pack("<I", crc) + MAGIC)
-    assert len(found) == 3000
+    actual = read(tmp_path, sound[:summary_start] + summary + footer + struct.pack("<I", crc) + MAGIC)
+    assert len(actual) == 3000
 
 
 WOUNDS = st.lists(
@@ -284,11 +284,11 @@ def test_any_damage_is_a_record_or_a_refusal(tmp_path: Path, sound_path: Path, w
         else:
             spoilt[at:at] = some
     try:
-        found = read(tmp_path, bytes(spoilt))
+        actual = read(tmp_path, bytes(spoilt))
     except UppliedError:
         return
-    assert 2 <= len(found) <= 3000 and np.isfinite(found.positions).all()
-    assert found.degraded or len(found) == 3000
+    assert 2 <= len(actual) <= 3000 and np.isfinite(actual.positions).all()
+    assert actual.degraded or len(actual) == 3000
 
 
 EXPECTED = {  # file -> poses, degraded and what notes or dropped say; or the refusal
@@ -320,11 +320,11 @@ def test_the_broken_logs(real_data: Path, name: str) -> None:
         with pytest.raises(InputError, match=expected):
             read_demonstration(path, OPTIONS)
         return
-    found = read_demonstration(path, OPTIONS)
-    said = found.notes + ", ".join(f"{number} {reason}" for reason, number in found.dropped.items())
-    assert (len(found), found.degraded) == expected[:2]
-    assert expected[2] in said
-    assert (np.diff(found.t_ns) > 0).all()
+    actual = read_demonstration(path, OPTIONS)
+    words = actual.notes + ", ".join(f"{number} {reason}" for reason, number in actual.dropped.items())
+    assert (len(actual), actual.degraded) == expected[:2]
+    assert expected[2] in words
+    assert (np.diff(actual.t_ns) > 0).all()
 
 
 def test_a_short_log_is_refused_with_what_was_dropped(real_data: Path) -> None:

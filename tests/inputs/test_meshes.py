@@ -24,10 +24,10 @@ from upplied.records import Floats, Ints, Structure, Surroundings
 TURNS = [(up, forward) for up in AXES for forward in AXES if up[-1] != forward[-1]]
 
 
-def saved(folder: Path, vertices: Floats, triangles: Ints, suffix: str = "obj", **said) -> StructureEntry:
+def saved(folder: Path, vertices: Floats, triangles: Ints, suffix: str = "obj", **values) -> StructureEntry:
     path = folder / f"a.{suffix}"
     path.write_bytes(mesh_files.write(vertices, triangles, suffix))
-    return StructureEntry("a", "thing", path, **({"unit_m": 1.0} | said))
+    return StructureEntry("a", "thing", path, **({"unit_m": 1.0} | values))
 
 
 def findings(entry: StructureEntry):
@@ -40,9 +40,9 @@ def joined(*meshes: trimesh.Trimesh) -> tuple[Floats, Ints]:
 
 
 def box(size: tuple, at: tuple = (0, 0, 0)) -> trimesh.Trimesh:
-    made = trimesh.creation.box(size)
-    made.apply_translation(at)
-    return made
+    mesh = trimesh.creation.box(size)
+    mesh.apply_translation(at)
+    return mesh
 
 
 def area(structure: Structure) -> float:
@@ -116,13 +116,13 @@ def test_what_is_stated_of_the_surface_is_kept_hashed_and_bounded_by_the_size(tm
     assert plain.surface is None and plain.surface_error_m is None and not plain.is_scan
     hashes = {plain.sha256}
     for surface in ("drawn", "scanned"):
-        found = read_structure(replace(silent, surface=surface))
-        assert found.surface == surface and found.is_scan == (surface == "scanned")
-        hashes.add(found.sha256)
+        structure = read_structure(replace(silent, surface=surface))
+        assert structure.surface == surface and structure.is_scan == (surface == "scanned")
+        hashes.add(structure.sha256)
     assert len(hashes) == 3
     for stated in (0.0, 0.2, 1.0):
-        found = read_structure(replace(silent, surface_error_m=stated))
-        assert found.surface_error_m == stated and found.sha256 != plain.sha256
+        structure = read_structure(replace(silent, surface_error_m=stated))
+        assert structure.surface_error_m == stated and structure.sha256 != plain.sha256
     with pytest.raises(InputError, match=r"surface_error_m is 1.2 m.*at most 1.1 m, a tenth of its size"):
         read_structure(replace(silent, surface_error_m=1.2))
 
@@ -155,8 +155,8 @@ def test_duplicates_slivers_and_loose_vertices_go(tmp_path: Path) -> None:
     soup = np.concatenate([vertices[triangles].reshape(-1, 3), [[99.0, 99.0, 99.0]]])
     corners = np.arange(3 * len(triangles)).reshape(-1, 3)
     extra = [corners[:5], corners[:3, ::-1], [[0, 0, 1], [2, 2, 2]]]
-    left, joined_up, kept, repairs = clean(soup, np.concatenate([corners, *extra]))
-    assert len(joined_up) == len(triangles) and np.array_equal(kept, np.arange(len(triangles)))
+    left, joined_up, index, repairs = clean(soup, np.concatenate([corners, *extra]))
+    assert len(joined_up) == len(triangles) and np.array_equal(index, np.arange(len(triangles)))
     assert len(left) == len(vertices) and np.ptp(left, axis=0).max() < 10
     removed = (
         "2 triangles without area removed",
@@ -190,14 +190,14 @@ def test_weld_joins_neighbours_across_any_grid_and_leaves_others() -> None:
 
 def test_clipping_below_the_ground_keeps_what_is_above(tmp_path: Path) -> None:
     vertices, triangles = joined(trimesh.creation.icosphere(3, 2.0))
-    above, cut, kept = clip_below(vertices, triangles, 0.3)
+    above, cut, index = clip_below(vertices, triangles, 0.3)
     assert above[:, 2].min() == pytest.approx(0.3)
     below, rest, _ = clip_below(-vertices, triangles, -0.3)
     halves = [trimesh.Trimesh(*half, process=False).area for half in ((above, cut), (below, rest))]
     assert sum(halves) == pytest.approx(trimesh.Trimesh(vertices, triangles).area, rel=1e-9)
     assert halves[0] == pytest.approx(2 * np.pi * 2.0 * 1.7, rel=0.01)  # the cap of a sphere
-    assert (np.diff(kept) >= 0).all()
-    inside = np.isin(np.arange(len(triangles)), kept)
+    assert (np.diff(index) >= 0).all()
+    inside = np.isin(np.arange(len(triangles)), index)
     assert (vertices[triangles[~inside]][..., 2] <= 0.3).all()
     tower = saved(tmp_path, *joined(box((2, 2, 20))), surroundings=Surroundings(ground_z_m=-1.0))
     assert "9.0 m below the declared ground" in read_structure(tower).notes
@@ -213,12 +213,12 @@ def test_clipping_below_the_ground_keeps_what_is_above(tmp_path: Path) -> None:
 def test_inverted_patches_are_turned(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
     rng = np.random.default_rng(seed)
     parts = [trimesh.creation.icosphere(2, 1.0), box((1, 2, 3), (4, 0, 0)), box((2, 1, 1), (0, 5, 0))]
-    wanted = sum(part.volume for part in parts)
+    expected = sum(part.volume for part in parts)
     for part in parts:
         if rng.random() < 0.6:
             part.invert()
     structure = read_structure(saved(tmp_path_factory.mktemp("m"), *joined(*parts)))
-    assert volume(structure) == pytest.approx(wanted, rel=1e-3)
+    assert volume(structure) == pytest.approx(expected, rel=1e-3)
 
 
 def test_half_a_mesh_mirrored_inside_out_is_turned(tmp_path: Path) -> None:
@@ -243,10 +243,10 @@ def test_sheets_and_open_bottoms_are_left_as_they_are(tmp_path: Path) -> None:
 def test_hidden_parts_are_reported_or_dropped(tmp_path: Path) -> None:
     cabin = box((1, 1, 1))
     entry = saved(tmp_path, *joined(box((4, 4, 4)), cabin, box((0.5, 0.5, 0.5), (3, 0, 0))))
-    found = findings(entry)
-    assert (found.parts, found.hidden_parts) == (3, 1)
-    assert found.outside_area_m2 == pytest.approx(6 * 16 + 1.5, rel=0.02)
-    assert "12 of 36 triangles" in " ".join(found.warnings)
+    health = findings(entry)
+    assert (health.parts, health.hidden_parts) == (3, 1)
+    assert health.outside_area_m2 == pytest.approx(6 * 16 + 1.5, rel=0.02)
+    assert "12 of 36 triangles" in " ".join(health.warnings)
     assert len(read_structure(replace(entry, drop_hidden=True)).triangles) == 24
 
 
@@ -265,13 +265,13 @@ def test_billboards_wakes_and_specks_are_outliers_and_parts_in_touch_are_not(tmp
     )
     speck = box((1, 1, 1), (70, 0, 0))
     entry = saved(tmp_path, *joined(hull, mast, wake, speck))
-    found = findings(entry)
-    assert sorted(len(outlier.triangles) for outlier in found.outliers) == [2, 12]
-    assert "drop_outliers" in " ".join(found.warnings)
+    health = findings(entry)
+    assert sorted(len(outlier.triangles) for outlier in health.outliers) == [2, 12]
+    assert "drop_outliers" in " ".join(health.warnings)
     with pytest.raises(InputError, match="drop_outliers = true"):
         read_structure(replace(entry, nominal_m=(100.0, None, None)))
-    kept = read_structure(replace(entry, drop_outliers=True, nominal_m=(100.0, 20.0, 42.5)))
-    assert len(kept.triangles) == 24
+    structure = read_structure(replace(entry, drop_outliers=True, nominal_m=(100.0, 20.0, 42.5)))
+    assert len(structure.triangles) == 24
     alone = findings(saved(tmp_path, *joined(hull, mast)))
     assert not alone.outliers
 
@@ -292,17 +292,17 @@ def sampled(mesh: trimesh.Trimesh, number: int) -> tuple[Floats, Floats]:
 @pytest.mark.parametrize("mesh", [trimesh.creation.torus(6, 2), box((10, 6, 4)), trimesh.creation.cone(3, 9)])
 def test_estimated_normals_point_outwards(mesh: trimesh.Trimesh) -> None:
     points, normals = sampled(mesh, 4000)
-    found, _ = outward_normals(points)
-    agree = (found * normals).sum(axis=1)
-    assert np.allclose(np.linalg.norm(found, axis=1), 1)
+    estimates, _ = outward_normals(points)
+    agree = (estimates * normals).sum(axis=1)
+    assert np.allclose(np.linalg.norm(estimates, axis=1), 1)
     assert (agree > 0).mean() > 0.98
     assert np.median(agree) > 0.97
 
 
 def test_given_normals_are_kept_and_turned_as_a_whole() -> None:
     points, normals = sampled(trimesh.creation.torus(6, 2), 3000)
-    kept, word = outward_normals(points, 3 * normals)
-    assert np.allclose(kept, normals) and word == ""
+    actual, word = outward_normals(points, 3 * normals)
+    assert np.allclose(actual, normals) and word == ""
     turned, word = outward_normals(points, -normals)
     assert np.allclose(turned, normals) and "turned" in word
     holed = normals.copy()

@@ -191,12 +191,12 @@ def test_any_star_polygon_keeps_its_area(corners: int, seed: int) -> None:
     flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(corners)])
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     points = flat @ turn.T
-    wanted = np.cross(flat, np.roll(flat, -1, axis=0))[:, 2].sum() / 2
+    expected = np.cross(flat, np.roll(flat, -1, axis=0))[:, 2].sum() / 2
     triangles = triangulate(points, np.arange(corners), np.array([corners]))
     a, b, c = (points[triangles[:, k]] for k in range(3))
     signed = (np.cross(b - a, c - a) / 2) @ (turn[:, 2] * np.linalg.det(turn))
     assert len(triangles) == corners - 2
-    assert (signed > -1e-9).all() and signed.sum() == pytest.approx(wanted, rel=1e-9)
+    assert (signed > -1e-9).all() and signed.sum() == pytest.approx(expected, rel=1e-9)
 
 
 def test_ply_of_either_byte_order_with_other_elements_and_mixed_polygons(tmp_path: Path) -> None:

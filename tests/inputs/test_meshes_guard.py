@@ -149,8 +149,8 @@ def test_a_concave_polygon_of_many_corners_keeps_its_area(tmp_path: Path, suffix
     raw = mesh_files.read(tmp_path, suffix, polygon(suffix, points))
     a, b, c = (raw.vertices[raw.triangles[:, k]] for k in range(3))
     area = np.cross(b - a, c - a)[:, 2] / 2
-    wanted = np.cross(points, np.roll(points, -1, axis=0))[:, 2].sum() / 2
-    assert (area > -1e-9).all() and area.sum() == pytest.approx(wanted, rel=1e-9)
+    expected = np.cross(points, np.roll(points, -1, axis=0))[:, 2].sum() / 2
+    assert (area > -1e-9).all() and area.sum() == pytest.approx(expected, rel=1e-9)
 
 
 def test_packed_points_cannot_count_more_than_their_bytes_may_hold(tmp_path: Path) -> None:
@@ -239,11 +239,11 @@ def test_gltf_laz_and_e57_of_three_other_writers_are_read(real_data: Path, tmp_p
     for writer in (by_trimesh, by_open3d, by_hand):
         (tmp_path / "a.glb").write_bytes(writer(raw.vertices, raw.triangles, tmp_path))
         again, _ = read_raw(tmp_path / "a.glb")
-        wanted, found = raw.vertices[raw.triangles], again.vertices[again.triangles]
-        assert found.shape == wanted.shape
-        size = np.abs(wanted).max()
+        expected, actual = raw.vertices[raw.triangles], again.vertices[again.triangles]
+        assert actual.shape == expected.shape
+        size = np.abs(expected).max()
         assert (
-            np.abs(np.sort(found.reshape(-1, 3), axis=0) - np.sort(wanted.reshape(-1, 3), axis=0)).max()
+            np.abs(np.sort(actual.reshape(-1, 3), axis=0) - np.sort(expected.reshape(-1, 3), axis=0)).max()
             < 1e-5 * size
         )
     points = raw.vertices[np.unique(raw.triangles)]

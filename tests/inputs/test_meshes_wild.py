@@ -62,8 +62,8 @@ def test_gltf_1_is_refused_with_what_to_do(real_data: Path) -> None:
 
 
 def test_every_file_as_found_is_named_here(real_data: Path) -> None:
-    found = {path.name for path in (real_data / "meshes" / "_raw").iterdir()} - {"INDEX.csv"}
-    assert found == {wild.file for wild in WILD} | {"a320_gltf1.glb"}
+    names = {path.name for path in (real_data / "meshes" / "_raw").iterdir()} - {"INDEX.csv"}
+    assert names == {wild.file for wild in WILD} | {"a320_gltf1.glb"}
 
 
 def folder(real_data: Path) -> list[Path]:
@@ -91,10 +91,10 @@ def test_real_structures_are_read_whole_and_show_their_front(real_data: Path, st
         raw, sha256 = read_raw(path)
         oracle = trimesh.load(path, process=False)
         assert len(raw.triangles) == len(oracle.faces) and np.allclose(raw.vertices, oracle.vertices)
-        structure, found = normalise(StructureEntry("a", "b", path, 1.0), raw, sha256)
+        structure, health = normalise(StructureEntry("a", "b", path, 1.0), raw, sha256)
         assert np.allclose(np.ptp(structure.vertices, axis=0), oracle.extents, atol=2e-4), path.name
-        assert not found.outliers, path.name
-        assert 0.3 * found.area_m2 < found.outside_area_m2 <= found.area_m2 * 1.0001, path.name
+        assert not health.outliers, path.name
+        assert 0.3 * health.area_m2 < health.outside_area_m2 <= health.area_m2 * 1.0001, path.name
         sides = back_share(structure.vertices, structure.triangles)
         assert sides <= back_share(raw.vertices, raw.triangles) + 0.02, path.name
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flights import FAULTS, POSE, Made, flights, made, right, zoom_by_another_clock
+from made_flights import FAULTS, POSE, Log, flights, log_of, right, zoom_by_another_clock
 from made_logs import Topic, header, message, transform, write_log, xyz, xyzw
 from scipy.spatial.transform import Rotation
 
@@ -90,7 +90,7 @@ ODD = {
 }
 
 
-def taken(log: Made, path: Path, **options) -> Demonstration:
+def taken(log: Log, path: Path, **options) -> Demonstration:
     """The demonstration with its passport."""
     return read_demonstration(log.write(path), LogOptions(**options), structures=lambda name: log.structure)
 
@@ -102,9 +102,9 @@ def test_a_flight_that_breaks_no_rule_is_good() -> None:
 @pytest.mark.parametrize("rule", rules.CHECKS, ids=lambda rule: rule.name)
 def test_each_rule_finds_what_it_is_for_and_nothing_else_does(rule: rules.Rule) -> None:
     spoilt = replace(GOOD, **BREAKS[rule.name])
-    found = {item.rule: item.severity for item in rules.judged(spoilt, PassportSettings())}
-    assert found.pop(rule.name) == rule.severity
-    assert set(found) <= {ODD.get(rule.name), "gaps"}
+    severities = {item.rule: item.severity for item in rules.judged(spoilt, PassportSettings())}
+    assert severities.pop(rule.name) == rule.severity
+    assert set(severities) <= {ODD.get(rule.name), "gaps"}
     allowed = rules.judged(spoilt, PassportSettings(), allow=(rule.name,))
     assert rule.name not in [item.rule for item in refusals(allowed)]
     strict = rules.judged(spoilt, PassportSettings(), strict=True)
@@ -156,14 +156,14 @@ def test_inside_is_inside(tmp_path: Path) -> None:
 
 def test_the_passport_says_what_is_so(tmp_path: Path) -> None:
     structure, flown = flights("box", 0)
-    log = made(structure, flown, np.random.default_rng(1))
-    found = taken(log, tmp_path / "a.mcap")
-    measured = found.passport["measured"]
-    distance = scene_of(structure).distance(found.positions)
+    log = log_of(structure, flown, np.random.default_rng(1))
+    actual = taken(log, tmp_path / "a.mcap")
+    measured = actual.passport["measured"]
+    distance = scene_of(structure).distance(actual.positions)
     assert measured["min_clearance_m"] == pytest.approx(distance.min(), abs=2e-3)
-    assert measured["lowest_m"] == pytest.approx(found.positions[:, 2].min(), abs=0.1)
+    assert measured["lowest_m"] == pytest.approx(actual.positions[:, 2].min(), abs=0.1)
     assert measured["axis_pct"] > 95 and measured["inside_pct"] == 0
-    assert measured["frame"] == "map" and found.passport["structure_sha256"] == structure.sha256
+    assert measured["frame"] == "map" and actual.passport["structure_sha256"] == structure.sha256
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def test_the_passport_says_what_is_so(tmp_path: Path) -> None:
 )
 def test_a_refusal_names_what_is_wrong_and_what_to_do(tmp_path: Path, fault: str, named: str) -> None:
     rng = np.random.default_rng(3)
-    log = FAULTS[fault](made(*flights("box", 0), rng), rng)
+    log = FAULTS[fault](log_of(*flights("box", 0), rng), rng)
     with pytest.raises(InputError, match=named):
         taken(log, tmp_path / "a.mcap")
 
@@ -191,31 +191,31 @@ def test_a_refusal_names_what_is_wrong_and_what_to_do(tmp_path: Path, fault: str
 def test_what_a_refusal_names_makes_the_log_right(tmp_path: Path) -> None:
     """NED in the side-car: the poses are those of the log that was right."""
     structure, flown = flights("airliner", 1)
-    log = made(structure, flown, np.random.default_rng(2))
+    log = log_of(structure, flown, np.random.default_rng(2))
     plain = taken(log, tmp_path / "plain.mcap")
     wrong = FAULTS["ned"](log, np.random.default_rng(0))
     with pytest.raises(InputError, match='convention = "ned"'):
         taken(wrong, tmp_path / "a.mcap")
     (tmp_path / "a.toml").write_text('[inspection]\nconvention = "ned"\n')
-    found = taken(wrong, tmp_path / "a.mcap")
-    assert np.allclose(found.positions, plain.positions, atol=1e-6)
-    assert found.passport["verdict"] == plain.passport["verdict"]
-    assert "converted as requested" in found.notes
+    actual = taken(wrong, tmp_path / "a.mcap")
+    assert np.allclose(actual.positions, plain.positions, atol=1e-6)
+    assert actual.passport["verdict"] == plain.passport["verdict"]
+    assert "converted as requested" in actual.notes
 
 
 def test_a_rule_is_overruled_by_name_and_that_is_stored(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(1))
+    log = log_of(*flights("box", 0), np.random.default_rng(1))
     low = replace(log, positions=log.positions - [0, 0, 12.0])
     with pytest.raises(InputError, match="--allow below-ground"):
         taken(low, tmp_path / "a.mcap")
     rule_names = tuple(rules.RULES)
-    found = taken(low, tmp_path / "a.mcap", allow=rule_names)
-    assert found.passport["verdict"] == "overruled"
-    assert "below-ground" in found.passport["allowed"]
+    actual = taken(low, tmp_path / "a.mcap", allow=rule_names)
+    assert actual.passport["verdict"] == "overruled"
+    assert "below-ground" in actual.passport["allowed"]
 
 
 def test_strict_refuses_what_is_odd(tmp_path: Path) -> None:
-    log = replace(made(*flights("box", 0), np.random.default_rng(1)), hfov_deg=None)
+    log = replace(log_of(*flights("box", 0), np.random.default_rng(1)), hfov_deg=None)
     assert taken(log, tmp_path / "a.mcap").passport["verdict"] == "warned"
     with pytest.raises(InputError, match="assumed"):
         taken(log, tmp_path / "a.mcap", strict=True)
@@ -225,62 +225,62 @@ def test_strict_refuses_what_is_odd(tmp_path: Path) -> None:
 def test_a_step_of_the_clock_splits_the_log_there(tmp_path: Path, fault: str) -> None:
     """Every pose comes in the order in which it was recorded, with a break at the step."""
     structure, flown = flights("box", 0)
-    log = made(structure, flown, np.random.default_rng(4))
+    log = log_of(structure, flown, np.random.default_rng(4))
     wrong = FAULTS[fault](log, np.random.default_rng(5))
     step = int(np.argmax(np.abs(np.diff(wrong.t_ns - log.t_ns)))) + 1
-    found = taken(wrong, tmp_path / "a.mcap")
-    assert np.array_equal(found.positions, log.positions)
-    assert found.breaks.tolist() == [step]
-    assert (np.diff(found.t_ns) > 0).all()
-    assert abs((found.t_ns[-1] - found.t_ns[0]) - (log.t_ns[-1] - log.t_ns[0])) < 1e9
+    actual = taken(wrong, tmp_path / "a.mcap")
+    assert np.array_equal(actual.positions, log.positions)
+    assert actual.breaks.tolist() == [step]
+    assert (np.diff(actual.t_ns) > 0).all()
+    assert abs((actual.t_ns[-1] - actual.t_ns[0]) - (log.t_ns[-1] - log.t_ns[0])) < 1e9
 
 
 def test_messages_that_are_late_are_sorted_and_no_step(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     order = np.arange(len(log))
     order[100:104] = [101, 103, 100, 102]
     order[400:430] = order[400:430][::-1]
     late = replace(log.take(order), log_ns=log.log_ns)
-    found = taken(late, tmp_path / "a.mcap")
-    assert np.array_equal(found.positions, log.positions) and not len(found.breaks)
+    actual = taken(late, tmp_path / "a.mcap")
+    assert np.array_equal(actual.positions, log.positions) and not len(actual.breaks)
 
 
 def test_a_long_gap_is_flown_as_a_transit(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     lasted = float(log.t_ns[-1] - log.t_ns[0]) * 1e-9
-    found = taken(
+    actual = taken(
         FAULTS["long_gap"](log, np.random.default_rng(6)), tmp_path / "a.mcap", allow=("mostly-missing",)
     )
-    assert len(found.breaks) == 1 and len(found) == len(log)
-    assert found.trajectory.t_s[-1] < lasted + 5
-    assert "joined by transits" in found.notes
+    assert len(actual.breaks) == 1 and len(actual) == len(log)
+    assert actual.trajectory.t_s[-1] < lasted + 5
+    assert "joined by transits" in actual.notes
 
 
 @pytest.mark.ci
 def test_hovering_is_cut_to_the_cap_that_is_said(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     wrong = FAULTS["hovering"](log, np.random.default_rng(6))
     lasted = float(log.t_ns[-1] - log.t_ns[0]) * 1e-9
     for cap in (30.0, 100.0):
-        found = taken(wrong, tmp_path / "a.mcap", passport=PassportSettings(hover_cap_s=cap))
-        assert lasted + cap - 10 < found.trajectory.t_s[-1] < lasted + cap + 20
-        assert (np.diff(found.t_ns) > 0).all()
-    assert found.passport["measured"]["hover_s"] > 1400
+        actual = taken(wrong, tmp_path / "a.mcap", passport=PassportSettings(hover_cap_s=cap))
+        assert lasted + cap - 10 < actual.trajectory.t_s[-1] < lasted + cap + 20
+        assert (np.diff(actual.t_ns) > 0).all()
+    assert actual.passport["measured"]["hover_s"] > 1400
 
 
 def test_a_zoom_is_a_camera_for_each_pose(tmp_path: Path) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     half = len(log) // 20 * 10  # the fields of view are written with every tenth pose
     zoomed = replace(log, hfov_deg=np.where(np.arange(len(log)) < half, 75.0, 50.0))
-    found = taken(zoomed, tmp_path / "a.mcap")
-    assert np.allclose(found.fov_deg, zoomed.hfov_deg[:, None], atol=1e-3)
-    assert found.camera.hfov_deg == pytest.approx(50.0, abs=1e-3), "whoever asks for one gets the narrowest"
-    assert found.passport["measured"]["hfov_deg"] == pytest.approx([75.0, 50.0], abs=1e-2)
-    assert "zoom" in [item["rule"] for item in found.passport["findings"]]
+    actual = taken(zoomed, tmp_path / "a.mcap")
+    assert np.allclose(actual.fov_deg, zoomed.hfov_deg[:, None], atol=1e-3)
+    assert actual.camera.hfov_deg == pytest.approx(50.0, abs=1e-3), "whoever asks for one gets the narrowest"
+    assert actual.passport["measured"]["hfov_deg"] == pytest.approx([75.0, 50.0], abs=1e-2)
+    assert "zoom" in [item["rule"] for item in actual.passport["findings"]]
     part = taken(zoomed, tmp_path / "a.mcap", stop_s=float(log.t_ns[len(log) // 3] - log.t_ns[0]) * 1e-9)
     assert part.camera.hfov_deg == pytest.approx(75.0, abs=1e-3) and part.fov_deg is None
-    told = taken(zoomed, tmp_path / "a.mcap", camera_hfov_deg=70.0).passport
-    assert "from 75.0 to 50.0 deg: 70 deg all the time" in str(told["measured"]["assumed"])
+    passport = taken(zoomed, tmp_path / "a.mcap", camera_hfov_deg=70.0).passport
+    assert "from 75.0 to 50.0 deg: 70 deg all the time" in str(passport["measured"]["assumed"])
     still = taken(replace(log, hfov_deg=np.full(len(log), 60.0)), tmp_path / "a.mcap")
     assert still.fov_deg is None and "zoom" not in [item["rule"] for item in still.passport["findings"]]
 
@@ -288,12 +288,12 @@ def test_a_zoom_is_a_camera_for_each_pose(tmp_path: Path) -> None:
 def test_where_the_clock_stepped_the_recorders_tells_which_pose_had_which_field_of_view(
     tmp_path: Path,
 ) -> None:
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     half = len(log) // 20 * 10
     zoomed = replace(log, hfov_deg=np.where(np.arange(len(log)) < half, 75.0, 50.0))
     stepped = FAULTS["clock_back"](zoomed, np.random.default_rng(1))
-    found = taken(stepped, tmp_path / "a.mcap")
-    assert len(found.fov_deg) == len(found) and np.mean(found.fov_deg[:, 0] > 60) == pytest.approx(
+    actual = taken(stepped, tmp_path / "a.mcap")
+    assert len(actual.fov_deg) == len(actual) and np.mean(actual.fov_deg[:, 0] > 60) == pytest.approx(
         0.5, abs=0.02
     )
 
@@ -301,7 +301,7 @@ def test_where_the_clock_stepped_the_recorders_tells_which_pose_had_which_field_
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_mirrored_poses_turn_against_the_gyroscope(tmp_path: Path, mirrored: bool) -> None:
     """The inertial unit, however it is mounted, felt the flight as it was; the poses have y mirrored."""
-    log = made(*flights("box", 0), np.random.default_rng(4))
+    log = log_of(*flights("box", 0), np.random.default_rng(4))
     mount = Rotation.from_rotvec([0.7, -1.1, 2.0])
     turns, seconds = Rotation.from_quat(log.quats), (log.t_ns - log.t_ns[0]) * 1e-9
     spin = (turns[1:] * turns[:-1].inv()).as_rotvec() / np.diff(seconds)[:, None]
@@ -315,9 +315,9 @@ def test_mirrored_poses_turn_against_the_gyroscope(tmp_path: Path, mirrored: boo
     gyro, force = np.array(felt).reshape(2, -1, 3)
     messages = []
     for at, t in enumerate(log.t_ns):
-        told = {"header": header(int(t), "imu"), "orientation": xyzw([0, 0, 0, 1])}
-        told |= {"angular_velocity": xyz(gyro[at]), "linear_acceleration": xyz(force[at])}
-        messages.append((int(log.log_ns[at]), told))
+        content = {"header": header(int(t), "imu"), "orientation": xyzw([0, 0, 0, 1])}
+        content |= {"angular_velocity": xyz(gyro[at]), "linear_acceleration": xyz(force[at])}
+        messages.append((int(log.log_ns[at]), content))
     log = replace(log, extra=[Topic("/imu", "sensor_msgs/msg/Imu", messages)])
     if mirrored:
         mirror = np.diag([1.0, -1.0, 1.0])
@@ -333,14 +333,14 @@ def test_mirrored_poses_turn_against_the_gyroscope(tmp_path: Path, mirrored: boo
 @pytest.mark.ci
 def test_one_of_two_publishers_may_be_named(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
-    log = replace(made(*flights("box", 0), rng), schema="nav_msgs/msg/Odometry", hfov_deg=None)
+    log = replace(log_of(*flights("box", 0), rng), schema="nav_msgs/msg/Odometry", hfov_deg=None)
     both = FAULTS["two_vehicles"](log, np.random.default_rng(0))
     children = ["one" if i % 2 == 0 else "two" for i in range(len(both))]
     both = replace(both, children=children)
     with pytest.raises(InputError, match=r"one .*two|two .*one"):
         taken(both, tmp_path / "a.mcap")
-    found = taken(both, tmp_path / "a.mcap", publisher="one")
-    assert np.array_equal(found.positions, log.positions)
+    actual = taken(both, tmp_path / "a.mcap", publisher="one")
+    assert np.array_equal(actual.positions, log.positions)
 
 
 def test_a_stand_off_that_comes_and_goes_names_the_convention_in_which_it_is_kept(tmp_path: Path) -> None:
@@ -410,7 +410,7 @@ def test_the_documentation_names_every_rule_bound_and_convention() -> None:
 def test_a_mount_is_found_whatever_its_body_is_called(tmp_path: Path, child: str, calibrated: bool) -> None:
     """Poses of an IMU, a camera that /tf_static hangs on it by names that nobody has agreed on."""
     structure, flown = flights("box", 0)
-    log = made(structure, flown, np.random.default_rng(1))
+    log = log_of(structure, flown, np.random.default_rng(1))
     plain = taken(log, tmp_path / "plain.mcap")
     offset = np.array([0.07, -0.02, 0.01])
     mount = Rotation.from_euler("ZYX", [88.0, 4.0, -91.0], degrees=True)  # the optical frame on the IMU
@@ -429,20 +429,20 @@ def test_a_mount_is_found_whatever_its_body_is_called(tmp_path: Path, child: str
         facts={"body_frame": ""} | ({"camera_frame_id": "cam0"} if calibrated else {}),
         hfov_deg=None,
     )
-    found = taken(tracked, tmp_path / "a.mcap")
-    assert np.allclose(found.positions, plain.positions, atol=1e-6)
-    assert np.abs(angle_between(found.quat_xyzw, plain.quat_xyzw)).max() < 1e-5
-    assert any("imu4 -> cam0" in note for note in found.passport["measured"]["frames"])
+    actual = taken(tracked, tmp_path / "a.mcap")
+    assert np.allclose(actual.positions, plain.positions, atol=1e-6)
+    assert np.abs(angle_between(actual.quat_xyzw, plain.quat_xyzw)).max() < 1e-5
+    assert any("imu4 -> cam0" in note for note in actual.passport["measured"]["frames"])
 
 
 def test_two_channels_of_one_topic_at_one_time_are_two_publishers(tmp_path: Path) -> None:
     """Channels that follow each other are one recording; channels side by side are two bodies."""
-    log = replace(made(*flights("box", 0), np.random.default_rng(1)), schema=POSE, hfov_deg=None)
+    log = replace(log_of(*flights("box", 0), np.random.default_rng(1)), schema=POSE, hfov_deg=None)
     rows = list(zip(log.log_ns, log.t_ns, log.positions, log.quats, strict=True))
 
     def topic(some: list, away: float = 0.0) -> Topic:
-        told = [(int(at), message(POSE, int(t), p + away * UP, q)) for at, t, p, q in some]
-        return Topic("/camera/pose", POSE, told)
+        messages = [(int(at), message(POSE, int(t), p + away * UP, q)) for at, t, p, q in some]
+        return Topic("/camera/pose", POSE, messages)
 
     facts = {"structure_id": log.structure.structure_id, "body_frame": "camera"}
     half = len(rows) // 2
@@ -456,7 +456,7 @@ def test_two_channels_of_one_topic_at_one_time_are_two_publishers(tmp_path: Path
     assert np.allclose(second.positions, log.positions + 4.0 * UP)
 
 
-def spun(log: Made, first_deg: float, last_deg: float) -> Made:
+def spun(log: Log, first_deg: float, last_deg: float) -> Log:
     """Headings that are off by so much at the start and at the end."""
     turn = Rotation.from_rotvec(np.radians(np.linspace(first_deg, last_deg, len(log)))[:, None] * UP)
     return replace(log, quats=(turn * Rotation.from_quat(log.quats)).as_quat())
@@ -465,22 +465,22 @@ def spun(log: Made, first_deg: float, last_deg: float) -> Made:
 def test_a_heading_that_drifts_a_little_or_is_a_little_off_is_warned_of(tmp_path: Path) -> None:
     """The structure stays in the picture, so nothing else tells it."""
 
-    def told(log: Made) -> dict[str, str]:
-        found = taken(log, tmp_path / "a.mcap").passport["findings"]
-        return {item["rule"]: item["found"] for item in found}
+    def findings_of(log: Log) -> dict[str, str]:
+        findings = taken(log, tmp_path / "a.mcap").passport["findings"]
+        return {item["rule"]: item["found"] for item in findings}
 
     log = right(11)
-    assert not {"aim-drifts", "aim-off"} & set(told(log))
-    assert "deg to the left of" in told(spun(log, -14, 14))["aim-drifts"]
-    assert "deg to the right of" in told(spun(log, -24, -24))["aim-off"]
-    assert "aim-off" not in told(spun(log, -14, 14))
+    assert not {"aim-drifts", "aim-off"} & set(findings_of(log))
+    assert "deg to the left of" in findings_of(spun(log, -14, 14))["aim-drifts"]
+    assert "deg to the right of" in findings_of(spun(log, -24, -24))["aim-off"]
+    assert "aim-off" not in findings_of(spun(log, -14, 14))
 
 
 def test_mild_drifts_and_offsets_of_the_heading_are_told_where_the_flight_tells_of_a_heading() -> None:
-    def aim(log: Made) -> tuple[float, float]:
+    def aim(log: Log) -> tuple[float, float]:
         quats = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
-        found = aim_of(log.positions, quats, scene_of(log.structure))
-        return abs(found.aim_drift_deg), abs(found.aim_off_deg)
+        aim = aim_of(log.positions, quats, scene_of(log.structure))
+        return abs(aim.aim_drift_deg), abs(aim.aim_off_deg)
 
     logs = [right(number) for number in range(0, 40, 2)]
     assert max(max(aim(log)) for log in logs) < 12
@@ -511,7 +511,7 @@ def test_rules_that_the_reader_asks_are_what_refuses(tmp_path: Path, rule: str, 
     assert rule not in {item["rule"] for item in fine["findings"]}
 
 
-def with_velocity(log: Made, path: Path, *, world: bool = False, change=lambda log: log) -> Path:
+def with_velocity(log: Log, path: Path, *, world: bool = False, change=lambda log: log) -> Path:
     """Odometry whose twist is that of the poses before they were changed, in the axes of body or world."""
     t_s, turns = (log.t_ns - log.t_ns[0]) * 1e-9, Rotation.from_quat(log.quats)
     linear = np.gradient(log.positions, t_s, axis=0)
@@ -523,18 +523,18 @@ def with_velocity(log: Made, path: Path, *, world: bool = False, change=lambda l
     log = change(log)
     messages = []
     for row, (t, p, q) in enumerate(zip(log.t_ns, log.positions, log.quats, strict=True)):
-        found = message("nav_msgs/msg/Odometry", int(t), p, q, "map", "base_link")
+        content = message("nav_msgs/msg/Odometry", int(t), p, q, "map", "base_link")
         vectors = {"linear": linear[row] + noise[row], "angular": angular[row]}
-        found["twist"]["twist"] = {
+        content["twist"]["twist"] = {
             name: dict(zip("xyz", map(float, values), strict=True)) for name, values in vectors.items()
         }
-        messages.append((int(log.log_ns[row]), found))
+        messages.append((int(log.log_ns[row]), content))
     facts = {"structure_id": log.structure.structure_id, "body_frame": "camera"}
     return write_log(path, [Topic("/odom", "nav_msgs/msg/Odometry", messages)], facts)
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "sentence"),
     [
         ("as it is", ""),
         ("of the world", ""),
@@ -544,14 +544,14 @@ def with_velocity(log: Made, path: Path, *, world: bool = False, change=lambda l
     ],
 )
 def test_poses_that_move_otherwise_than_the_velocity_in_the_log_are_warned_of(
-    tmp_path: Path, change: str, told: str
+    tmp_path: Path, change: str, sentence: str
 ) -> None:
     """A cube is symmetric: mirrored about its middle, the flight is one that somebody could have flown."""
     structure, flown = flights("box", 0)
     middle = (structure.vertices.max(axis=0) + structure.vertices.min(axis=0)) / 2
-    log = made(structure, flown, np.random.default_rng(0))
+    log = log_of(structure, flown, np.random.default_rng(0))
 
-    def changed_log(log: Made) -> Made:
+    def changed_log(log: Log) -> Log:
         if change == "mirrored with its headings":
             flip = np.diag([1.0, -1.0, 1.0])
             turns = flip @ Rotation.from_quat(log.quats).as_matrix() @ flip
@@ -566,16 +566,16 @@ def test_poses_that_move_otherwise_than_the_velocity_in_the_log_are_warned_of(
     path = with_velocity(log, tmp_path / "a.mcap", world=change == "of the world", change=changed_log)
     allow = LogOptions(allow=tuple(rules.RULES))
     passport = read_demonstration(path, allow, structures=lambda _: structure).passport
-    found = {item["rule"]: item["found"] for item in passport["findings"]}
-    assert told in found["velocity"] if told else "velocity" not in found
+    findings = {item["rule"]: item["found"] for item in passport["findings"]}
+    assert sentence in findings["velocity"] if sentence else "velocity" not in findings
     assert passport["measured"]["motion_fit_pct"] is not None
 
 
 def test_a_log_is_known_again_unless_what_is_said_changes_what_is_kept_of_it(tmp_path: Path) -> None:
     path = right(0).write(tmp_path / "a.mcap")
 
-    def known_as(*said: str) -> str:
-        return fingerprint(path, LogOptions(passport=PassportSettings.changed(said)))[1]
+    def known_as(*texts: str) -> str:
+        return fingerprint(path, LogOptions(passport=PassportSettings.changed(texts)))[1]
 
     assert known_as() == known_as("odd_speed_mps=0.1") == known_as("hover_cap_s=30")
     assert (

@@ -75,11 +75,11 @@ def test_of_conventions_that_fit_alike_the_common_one_is_named() -> None:
     """Headings half a turn off: the compass, and a mount that looks back. Mounts are met more often."""
     flown = ring(60)
     back = replace(flown, quat_xyzw=from_yaw_pitch(np.arctan2(*flown.positions[:, [1, 0]].T), np.zeros(60)))
-    _, found = fits.Comparison(back, lambda track: track, SCENE, -np.inf, 1e3).best_fits()
-    alike = {fit.convention.name: fit for fit in found if fit.share > 0.99}
+    _, candidates = fits.Comparison(back, lambda track: track, SCENE, -np.inf, 1e3).best_fits()
+    alike = {fit.convention.name: fit for fit in candidates if fit.share > 0.99}
     assert {"heading offset -180 deg", "mount +180 +0"} <= alike.keys() | {"heading offset +180 deg"}
-    assert found[0].convention.rare == min(fit.convention.rare for fit in alike.values())
-    rare = [fit.convention.rare for fit in found if fit.share > 0.99]
+    assert candidates[0].convention.rare == min(fit.convention.rare for fit in alike.values())
+    rare = [fit.convention.rare for fit in candidates if fit.share > 0.99]
     assert rare == sorted(rare)
 
 
@@ -93,14 +93,14 @@ def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share
 
     monkeypatch.setattr(fits, "fits", shares_of)
     flown = ring(60)
-    found = fits.Comparison(flown, lambda track: track, SCENE, -np.inf, 1e3).best_fits()[1]
-    assert found[0].convention.name.split(" ")[0] == first
+    candidates = fits.Comparison(flown, lambda track: track, SCENE, -np.inf, 1e3).best_fits()[1]
+    assert candidates[0].convention.name.split(" ")[0] == first
 
 
 def test_where_two_conventions_fit_alike_both_are_named() -> None:
     one, other = (fits.Fit(fits.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
-    told = _best([one, other])
-    assert "(mirrored-y)" in told["other_words"] and "fit both alike" in told["other_advice"]
+    words = _best([one, other])
+    assert "(mirrored-y)" in words["other_words"] and "fit both alike" in words["other_advice"]
     alone = _best([one, replace(other, share=0.8)])
     assert "(mirrored-y)" not in alone["other_words"] and "fit both alike" not in alone["other_advice"]
 
@@ -119,12 +119,12 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
         near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
         return fits.Comparison(track, near, scene_of(box), 0.0, 1e3).steadier(ratio)
 
-    kept = pytest.approx([0, 0, 1 / 3, 0], abs=1e-4)  # the last in degrees, of single precision
-    assert steadier((places, quats)) == (kept, kept, [])
-    varies, least, found = steadier(fits.NAMED["swapped-xy-poses"].change(places, quats))
+    expected = pytest.approx([0, 0, 1 / 3, 0], abs=1e-4)  # the last in degrees, of single precision
+    assert steadier((places, quats)) == (expected, expected, [])
+    varies, least, best = steadier(fits.NAMED["swapped-xy-poses"].change(places, quats))
     assert varies == pytest.approx([np.log(2) / 2, 0, 1 / 2, 0], abs=1e-3)
-    assert [fit.convention.name for fit in found] == ["swapped-xy-poses"] * named
-    assert least == (kept if named else pytest.approx(varies, abs=1e-4))
+    assert [fit.convention.name for fit in best] == ["swapped-xy-poses"] * named
+    assert least == (expected if named else pytest.approx(varies, abs=1e-4))
     poses = fits.NAMED["swapped-xy-poses"].change(places, quats)
     assert not steadier(poses, 8.5)[2]  # by that convention half of the poses have no mount
 
@@ -139,8 +139,8 @@ def test_a_flight_that_is_near_names_the_convention_in_which_it_keeps_clear(
     places = np.column_stack([0 * along + 2 + near_m, along, 0 * along + 8])
     quats = from_yaw_pitch(np.full(60, np.pi), np.zeros(60))
     track = Track(np.arange(60) + 1, places, quats, np.arange(60) + 1)
-    _, least, found = fits.Comparison(track, lambda each: each, scene_of(wall), 0.0, 1e3).steadier(3.0)
-    assert [fit.convention.name for fit in found] == named
+    _, least, best = fits.Comparison(track, lambda each: each, scene_of(wall), 0.0, 1e3).steadier(3.0)
+    assert [fit.convention.name for fit in best] == named
     assert 1 / least[2] == pytest.approx(2 + near_m if named else near_m)
 
 
@@ -183,10 +183,10 @@ def test_a_clock_that_steps_goes_on_by_the_recorders(passed_s: int, counted_s: i
     log_ns[50:] += passed_s * 10**9  # the recorder saw it pass
     t_ns = log_ns.copy()
     t_ns[50:] -= (17 + passed_s) * 10**9
-    found = steady(replace(flown, t_ns=t_ns, log_ns=log_ns))
-    assert found.clock_steps == 1
+    track = steady(replace(flown, t_ns=t_ns, log_ns=log_ns))
+    assert track.clock_steps == 1
     log_ns[50:] += (counted_s - passed_s) * 10**9
-    assert np.array_equal(found.t_ns, log_ns)
+    assert np.array_equal(track.t_ns, log_ns)
 
 
 @pytest.mark.parametrize(("silence_s", "long"), [(4.9, 0), (5.1, 1)])
@@ -205,10 +205,10 @@ def test_nothing_is_interpolated_across_a_reset() -> None:
     assert np.isfinite(positions[0]).all() and np.isnan(positions[1]).all() and np.isnan(quats[1]).all()
 
 
-@pytest.mark.parametrize(("slope", "found"), [(0.2, True), (0.5, False)])
-def test_ground_that_is_steep_is_none(slope: float, found: bool) -> None:
+@pytest.mark.parametrize(("slope", "has_ground"), [(0.2, True), (0.5, False)])
+def test_ground_that_is_steep_is_none(slope: float, has_ground: bool) -> None:
     scene, _ = scanned("turbine-1-v1", slope)
-    assert (separated(scene).ground_z_m is not None) == found
+    assert (separated(scene).ground_z_m is not None) == has_ground
 
 
 def test_what_floats_or_was_cut_off_is_told() -> None:
@@ -222,8 +222,8 @@ def test_what_floats_or_was_cut_off_is_told() -> None:
     at = float(np.quantile(flat[:, 2], 0)) + 0.35 * float(np.ptp(flat[:, 2]))
     rest, corners, _ = repair.clip_below(flat, triangles, at)
     rest, corners, _, _ = repair.clean(rest[:, [2, 1, 0]] * [1, 1, -1], corners)
-    (told,) = cut_off(rest, topology_of(corners).rim)
-    assert told.rule == "cut-off" and f"x = {at:.1f} m" in told.found
+    (verdict,) = cut_off(rest, topology_of(corners).rim)
+    assert verdict.rule == "cut-off" and f"x = {at:.1f} m" in verdict.found
 
 
 def rules_of(vertices: np.ndarray, entry: StructureEntry) -> set[str]:
@@ -315,9 +315,9 @@ def test_of_a_whole_log_the_right_convention_is_named_though_it_fits_a_third_of_
     flown = whole(ring(600))
     down = replace(flown, positions=flown.positions * [1, 1, -1])
     ground_m = float(flown.positions[:, 2].min()) - 0.1
-    share, found = fits.Comparison(down, lambda track: track, SCENE, ground_m, 1e3).best_fits()
-    shares = {fit.convention.name: fit.share for fit in found}
-    assert share == 0 and shares["z-down"] > 0.95 and found[0].share == shares["ned"]  # alike, round a cube
+    share, best = fits.Comparison(down, lambda track: track, SCENE, ground_m, 1e3).best_fits()
+    shares = {fit.convention.name: fit.share for fit in best}
+    assert share == 0 and shares["z-down"] > 0.95 and best[0].share == shares["ned"]  # alike, round a cube
     assert shares["millimetres"] == shares["inches"] == 0
 
 

@@ -96,19 +96,19 @@ def place_of(source: Source) -> dict[str, float | str]:
 @pytest.mark.slow
 def test_every_real_file_is_taken_right_or_refused_with_the_true_reason(own: Path) -> None:
     seen = {}
-    for found in door.survey([own]):
-        name = str(found.path.relative_to(own))
-        seen[name] = found.status
-        if found.status == "refused":
+    for item in door.survey([own]):
+        name = str(item.path.relative_to(own))
+        seen[name] = item.status
+        if item.status == "refused":
             reason = next(reason for pattern, reason in REFUSED.items() if re.fullmatch(pattern, name))
-            assert reason in found.words, (name, found.words)
-        elif not found.is_flight:
-            assert re.fullmatch(PARTS if found.status == "part" else OTHER, name), (name, found.status)
+            assert reason in item.words, (name, item.words)
+        elif not item.is_flight:
+            assert re.fullmatch(PARTS if item.status == "part" else OTHER, name), (name, item.status)
         elif name in TAKEN:
-            source = door.read(found.path, FIELDS)
+            source = door.read(item.path, FIELDS)
             unit = {"unit_m": 1.0} if "unit_m" in source.defaults else {}
             options = LogOptions(structure_id="x", min_duration_s=0.5, **unit, **place_of(source))
-            flown = read_demonstration(found.path, options)
+            flown = read_demonstration(item.path, options)
             count, seconds, size = TAKEN[name]
             assert (len(flown), float(flown.t_ns[-1] - flown.t_ns[0]) * 1e-9) == (
                 count, pytest.approx(seconds, abs=0.06)
@@ -118,8 +118,8 @@ def test_every_real_file_is_taken_right_or_refused_with_the_true_reason(own: Pat
         else:
             reason = next((reason for pattern, reason in REFUSED.items() if re.fullmatch(pattern, name)), "?")
             with pytest.raises(InputError) as error:
-                place = place_of(door.read(found.path, FIELDS))
-                read_demonstration(found.path, LogOptions(structure_id="x", min_duration_s=0.5, **place))
+                place = place_of(door.read(item.path, FIELDS))
+                read_demonstration(item.path, LogOptions(structure_id="x", min_duration_s=0.5, **place))
             assert reason in str(error.value), name
     assert TAKEN.keys() <= seen.keys()
     assert len(seen) == 89

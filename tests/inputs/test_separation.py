@@ -60,15 +60,15 @@ def _area(of: Structure) -> np.ndarray:
 )
 def test_ground_clutter_and_a_hut_are_told_from_the_structure(name: str, slope: float) -> None:
     scene, true = scanned(name, slope)
-    found = found_in(name, slope)
+    parts = found_in(name, slope)
     confused = np.zeros((4, 4))
-    np.add.at(confused, (true, found.label), _area(scene))
+    np.add.at(confused, (true, parts.label), _area(scene))
     right = np.diag(confused) / confused.sum(axis=1)
     assert right[0] > 0.95 and right[1] > 0.99
     assert right[3] > 0.7  # but its floor, which lies on the ground
     assert confused[1:, 0].sum() < 0.01 * confused[0, 0]  # what is left is the structure
     of, slack = member(name).structure, 0.05 + slope * 0.2 * member(name).structure.diagonal_m
-    assert found.ground_z_m == pytest.approx(of.vertices[:, 2].min() - 0.3, abs=slack)
+    assert parts.ground_z_m == pytest.approx(of.vertices[:, 2].min() - 0.3, abs=slack)
 
 
 ALONE = ["a320-v1", "beluga-v1", "turbine-1-v1", "bridge-1-v1", "cruise-v1", "yacht-1-v1", "cube-v1", ""]
@@ -77,8 +77,8 @@ ALONE = ["a320-v1", "beluga-v1", "turbine-1-v1", "bridge-1-v1", "cruise-v1", "ya
 @pytest.mark.parametrize("name", ALONE)
 def test_of_a_structure_alone_nothing_is_taken_away(name: str) -> None:
     of = member(name).structure if name else random_member("ship", 5).structure
-    found = separated(of)  # no deck, roof or belly is taken for ground
-    assert not found.texts and found.ground_z_m is None and (found.label == 0).all()
+    parts = separated(of)  # no deck, roof or belly is taken for ground
+    assert not parts.texts and parts.ground_z_m is None and (parts.label == 0).all()
 
 
 def test_a_cloud_is_separated_as_its_mesh_is() -> None:
@@ -97,7 +97,7 @@ def test_a_cloud_is_separated_as_its_mesh_is() -> None:
 
 
 def test_what_is_kept_has_the_triangles_of_the_structure() -> None:
-    scene, found = scanned("bridge-1-v1", 0.02)[0], found_in("bridge-1-v1", 0.02)
-    vertices, triangles, _ = structure_alone(scene, found)
-    assert np.array_equal(vertices[triangles], scene.vertices[scene.triangles[found.label == 0]])
-    assert len(CLASSES) == len(found.area_m2) and found.area_m2.sum() == pytest.approx(_area(scene).sum())
+    scene, parts = scanned("bridge-1-v1", 0.02)[0], found_in("bridge-1-v1", 0.02)
+    vertices, triangles, _ = structure_alone(scene, parts)
+    assert np.array_equal(vertices[triangles], scene.vertices[scene.triangles[parts.label == 0]])
+    assert len(CLASSES) == len(parts.area_m2) and parts.area_m2.sum() == pytest.approx(_area(scene).sum())

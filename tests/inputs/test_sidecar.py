@@ -14,7 +14,9 @@ from upplied.inputs.sidecar import LogOptions, inspection, placed, safe_id
 from upplied.records import Placement
 
 
-def told(tmp_path: Path, sidecar: str = "", options: LogOptions | None = None, **metadata: str) -> LogOptions:
+def facts_of(
+    tmp_path: Path, sidecar: str = "", options: LogOptions | None = None, **metadata: str
+) -> LogOptions:
     """The facts from these sources."""
     path = tmp_path / "flight 7.mcap"
     if sidecar:
@@ -24,19 +26,21 @@ def told(tmp_path: Path, sidecar: str = "", options: LogOptions | None = None, *
 
 def test_each_fact_comes_from_its_strongest_source(tmp_path: Path) -> None:
     options = LogOptions(structure_id="a", operator="a", site="a")
-    facts = told(tmp_path, 'structure_id = "c"', options, structure_id="b", operator="b")
+    facts = facts_of(tmp_path, 'structure_id = "c"', options, structure_id="b", operator="b")
     assert (facts.structure_id, facts.operator, facts.site) == ("c", "b", "a")
     assert facts.demonstration_id == "flight-7"
 
 
 def test_what_to_read_is_the_choice_of_the_caller(tmp_path: Path) -> None:
-    facts = told(tmp_path, 'topic = "/c"\nstart_s = 3', LogOptions(topic="/a", stop_s=9.0))
+    facts = facts_of(tmp_path, 'topic = "/c"\nstart_s = 3', LogOptions(topic="/a", stop_s=9.0))
     assert (facts.topic, facts.start_s, facts.stop_s) == ("/a", 3.0, 9.0)
 
 
 def test_text_and_numbers_tell_the_same(tmp_path: Path) -> None:
-    as_text = told(tmp_path, structure_position_m="1 2 3.5", camera_max_range_m="40", start_ns="17")
-    as_numbers = told(tmp_path, "structure_position_m = [1, 2, 3.5]\ncamera_max_range_m = 40\nstart_ns = 17")
+    as_text = facts_of(tmp_path, structure_position_m="1 2 3.5", camera_max_range_m="40", start_ns="17")
+    as_numbers = facts_of(
+        tmp_path, "structure_position_m = [1, 2, 3.5]\ncamera_max_range_m = 40\nstart_ns = 17"
+    )
     assert as_text == as_numbers
     assert as_text.structure_position_m == (1.0, 2.0, 3.5)
 
@@ -76,7 +80,7 @@ def test_several_records_add_up_and_others_may_hold_what_they_like(tmp_path: Pat
 )
 def test_a_wrong_line_is_named(tmp_path: Path, line: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
-        told(tmp_path, line)
+        facts_of(tmp_path, line)
     assert "flight 7.toml" in str(caught.value)
 
 
@@ -104,5 +108,5 @@ def test_every_file_name_makes_an_id(name: str) -> None:
 
 
 def test_what_was_inspected_is_told_by_the_log_or_the_side_car(tmp_path: Path) -> None:
-    assert told(tmp_path, about="engine_left").about == "engine_left"
-    assert told(tmp_path, 'about = "box 0 0 0 1 1 1"', about="engine_left").about == "box 0 0 0 1 1 1"
+    assert facts_of(tmp_path, about="engine_left").about == "engine_left"
+    assert facts_of(tmp_path, 'about = "box 0 0 0 1 1 1"', about="engine_left").about == "box 0 0 0 1 1 1"

@@ -27,13 +27,13 @@ ROW = {
 
 
 @pytest.fixture(scope="module")
-def made():
+def mission_set():
     structure, options = placed_box(), MissionOptions(endurance_s=120.0)
     return missions_of(made_plan(), structure, options), structure, options
 
 
-def test_the_page_says_what_the_missions_are(made):
-    missions, structure, options = made
+def test_the_page_says_what_the_missions_are(mission_set):
+    missions, structure, options = mission_set
     page = brief_html(ROW, missions, structure, Camera(), options, ["mind the mast"])
     assert len(missions) > 1
     for mission in missions:
@@ -49,8 +49,8 @@ def test_the_page_says_what_the_missions_are(made):
     assert all(note in page for note in missions[0].notes)
 
 
-def test_it_is_one_file_without_scripts_and_names_stay_text(made):
-    missions, structure, options = made
+def test_it_is_one_file_without_scripts_and_names_stay_text(mission_set):
+    missions, structure, options = mission_set
     page = brief_html(
         *(
             ROW | {"target_id": "<img src=x onerror=alert(1)>"},
@@ -66,8 +66,8 @@ def test_it_is_one_file_without_scripts_and_names_stay_text(made):
     assert "default-src 'none'" in page
 
 
-def test_what_was_overruled_is_the_verdict(made):
-    missions, structure, options = made
+def test_what_was_overruled_is_the_verdict(mission_set):
+    missions, structure, options = mission_set
     forced = [replace(each, notes=("OVERRULED clearance: 0.50 m", *each.notes)) for each in missions]
     page = brief_html(ROW, forced, structure, Camera(), options, [])
     assert "Safety rules were overruled" in page and "OVERRULED clearance: 0.50 m" in page
@@ -134,8 +134,8 @@ def test_the_legend_names_what_is_drawn():
     assert [name for name, _, _ in alone.legend()] == ["inspection path", "photo", "footprint of a photo"]
 
 
-def test_a_draft_says_so_first(made):
-    missions, structure, options = made
+def test_a_draft_says_so_first(mission_set):
+    missions, structure, options = mission_set
     draft = [
         replace(each, notes=("DRAFT, NOT RELEASED: it is a draft plan", *each.notes)) for each in missions
     ]

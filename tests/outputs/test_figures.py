@@ -57,12 +57,12 @@ def demonstration() -> Demonstration:
 
 
 def plan(preset: str = "recommended", **changes) -> Plan:
-    given = {
+    fields = {
         "status": "ok",
         "trajectory": circle(15.0),
         "measures": Measures(coverage_paper_pct=98.0),
     } | changes
-    return Plan("orbit", "cube", "cuboid", "cube", preset, **given)
+    return Plan("orbit", "cube", "cuboid", "cube", preset, **fields)
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -72,9 +72,9 @@ def pixels(png: bytes) -> np.ndarray:
 def shows(png: bytes, colour: str) -> bool:
     """Whether some pixel has a colour's hue, at any brightness."""
     image = pixels(png).reshape(-1, 3)
-    wanted = np.array(rgb(colour))
+    tone = np.array(rgb(colour))
     vivid = np.ptp(image, axis=1) > 0.15
-    cosine = image[vivid] @ wanted / np.linalg.norm(image[vivid], axis=1) / np.linalg.norm(wanted)
+    cosine = image[vivid] @ tone / np.linalg.norm(image[vivid], axis=1) / np.linalg.norm(tone)
     return bool((cosine > 0.998).sum() > 5)
 
 
@@ -141,9 +141,9 @@ def test_the_two_skins_of_a_thin_plate_keep_their_own_colours():
     for elevation, name in ((80.0, "shown"), (-80.0, "missed")):
         image = picture(body, NOTHING, fitted(View(0.0, elevation), vertices, 120, 120))
         colour = image[60, 60] / 255
-        wanted = np.array(rgb(STATES[name]))
-        assert np.argmax(colour) == np.argmax(wanted)
-        assert np.allclose(colour / colour.max(), wanted / wanted.max(), atol=0.03)
+        tone = np.array(rgb(STATES[name]))
+        assert np.argmax(colour) == np.argmax(tone)
+        assert np.allclose(colour / colour.max(), tone / tone.max(), atol=0.03)
 
 
 def test_moving_a_structure_does_not_change_its_picture():
@@ -163,8 +163,8 @@ def test_equal_input_gives_equal_bytes():
 
 def test_a_transfer_shows_both_paths_and_a_refused_one_none():
     source, target = structure(), structure("cuboid", 12.0)
-    done = figures.transfer_png(source, target, demonstration(), plan(), width=500)
-    assert shows(done, DEMONSTRATED) and shows(done, PRESETS["recommended"])
+    picture = figures.transfer_png(source, target, demonstration(), plan(), width=500)
+    assert shows(picture, DEMONSTRATED) and shows(picture, PRESETS["recommended"])
     refused = plan(status="refused", reason="score 0.9 m² above gamma → “no”", trajectory=None)
     png = figures.transfer_png(source, target, demonstration(), refused, width=500)
     assert shows(png, DEMONSTRATED) and not shows(png, PRESETS["recommended"])

@@ -56,8 +56,8 @@ def test_no_format_lets_a_path_out_that_comes_too_near(tmp_path, format):
     with pytest.raises(RefusedError, match=r"clearance: 1\.2\d? m.*limit 2 m.*--force clearance"):
         export(near, placed_box(), format, goal, options)
     assert not list(tmp_path.iterdir())  # nothing is left behind
-    done = export(near, placed_box(), format, goal, replace(options, force=("clearance",)))
-    assert any(note.startswith("OVERRULED clearance: 1.2") for note in done.notes)
+    result = export(near, placed_box(), format, goal, replace(options, force=("clearance",)))
+    assert any(note.startswith("OVERRULED clearance: 1.2") for note in result.notes)
     assert goal.is_file()
 
 
@@ -87,8 +87,8 @@ def test_what_only_the_written_file_breaks_is_told_and_kept_when_it_is_overruled
         export(made_plan(), place, "kml", goal, keep=overruled.extend)
     assert overruled == [] and not goal.exists()
     options = MissionOptions(force=("ground", "clearance"))
-    done = export(made_plan(), place, "kml", goal, options, keep=overruled.extend)
-    assert [breach.rule for breach in overruled] == [breach.rule for breach in done.overruled]
+    result = export(made_plan(), place, "kml", goal, options, keep=overruled.extend)
+    assert [breach.rule for breach in overruled] == [breach.rule for breach in result.overruled]
     assert "ground" in {breach.rule for breach in overruled} and "OVERRULED ground" in goal.read_text()
 
 
@@ -213,12 +213,12 @@ def test_no_mission_is_below_its_own_rules(
     )
     goal = tmp_path_factory.mktemp("fuzz") / f"m{FORMATS[format]}"
     try:
-        done = export(plan, placed_box(**around), format, goal, options)
+        files = export(plan, placed_box(**around), format, goal, options)
     except RefusedError:
         return
-    sorties, fences = done.paths[: len(done.missions)], done.paths[len(done.missions) :]
+    sorties, fences = files.paths[: len(files.missions)], files.paths[len(files.missions) :]
     assert all(path.name.endswith(f".fence{path.suffix}") for path in fences)
-    for path, mission in zip(sorties, done.missions, strict=True):
+    for path, mission in zip(sorties, files.missions, strict=True):
         reading = read_mission(format, path.read_bytes(), mission)
         flown = dense(reading.positions)
         assert from_box(flown).min() >= 2.0 - 0.06
@@ -231,9 +231,9 @@ def test_no_mission_is_below_its_own_rules(
 def test_what_is_read_back_is_what_was_written(tmp_path):
     for format in FILES:
         options = MissionOptions(drone="m4t")
-        done = export(made_plan(), placed_box(), format, tmp_path / f"a{FORMATS[format]}", options)
-        (mission,) = done.missions
-        reading = read_mission(format, done.paths[0].read_bytes(), mission)
+        files = export(made_plan(), placed_box(), format, tmp_path / f"a{FORMATS[format]}", options)
+        (mission,) = files.missions
+        reading = read_mission(format, files.paths[0].read_bytes(), mission)
         inside = reading.positions[2:-2]
         stops = np.array([stop[0] for stop in mission.stops])
         local = mission.local[stops] if len(inside) != len(mission) else mission.local
@@ -252,17 +252,17 @@ def test_what_is_read_back_is_what_was_written(tmp_path):
     ],
 )
 def test_a_file_that_cannot_be_read_back_does_not_leave(tmp_path, format, spoil):
-    done = export(made_plan(), placed_box(), format, tmp_path / "a", MissionOptions(drone="m30"))
+    files = export(made_plan(), placed_box(), format, tmp_path / "a", MissionOptions(drone="m30"))
     with pytest.raises(RefusedError, match="cannot be read back"):
-        read_mission(format, spoil(done.paths[0].read_bytes()), done.missions[0])
+        read_mission(format, spoil(files.paths[0].read_bytes()), files.missions[0])
 
 
 def test_dji_passes_waypoints_within_a_distance_that_was_checked(tmp_path):
     options = MissionOptions(drone="m4t")
-    done = export(made_plan(every=1000), placed_box(), "dji-wpml", tmp_path / "a.kmz", options)
-    with zipfile.ZipFile(done.paths[0]) as archive:
+    files = export(made_plan(every=1000), placed_box(), "dji-wpml", tmp_path / "a.kmz", options)
+    with zipfile.ZipFile(files.paths[0]) as archive:
         text = archive.read("wpmz/waylines.wpml").decode()
-    (mission,) = done.missions
+    (mission,) = files.missions
     passed = mission.passing_m > 0
     assert text.count("toPointAndPassWithContinuityCurvature") == passed.sum() > 0.8 * len(mission)
     assert "gimbalEvenlyRotate" in text and "betweenAdjacentPoints" in text
@@ -271,16 +271,16 @@ def test_dji_passes_waypoints_within_a_distance_that_was_checked(tmp_path):
     legs = np.linalg.norm(np.diff(mission.local, axis=0), axis=1)
     for at in np.flatnonzero(passed):
         assert mission.passing_m[at] + mission.passing_m[at + 1] < legs[at]  # DJI's own rule
-    reading = read_mission("dji-wpml", done.paths[0].read_bytes(), mission)
+    reading = read_mission("dji-wpml", files.paths[0].read_bytes(), mission)
     assert from_box(reading.fan_end).min() >= 2.0 - 0.06
 
 
 def test_a_turn_on_the_spot_is_a_stop(tmp_path):
     options = MissionOptions(drone="m30", home_m=(0.0, -30.0, 0.0), photos="none")
-    done = export(
+    files = export(
         made_plan(turning_on_the_spot(), every=1), placed_box(), "dji-wpml", tmp_path / "a.kmz", options
     )
-    (mission,) = done.missions
+    (mission,) = files.missions
     assert not mission.passing_m[mission.inspect].any()
 
 

@@ -47,14 +47,14 @@ def rewrite(catalog: Catalog, table: str, **values: object) -> None:
 def catalogs(tmp_path_factory) -> dict[str, Catalog]:
     """Of one plan each: what it is, and what breaks the rule of that name."""
     place = tmp_path_factory.mktemp("leaving")
-    made = {name: write_catalog(place / name) for name in ("sound", "released", "altered")}
+    catalogs = {name: write_catalog(place / name) for name in ("sound", "released", "altered")}
     for name in ("sound", "altered"):
-        made[name].release(PLAN[:20], "Grace")
-    rewrite(made["altered"], "transfers", min_clearance_m=99.0)
-    export_dataset(made["sound"], place / "set", "boxes-v1", [PLAN[:20]], "CC0-1.0")
-    made["foreign"] = open_catalog(place / "foreign")
-    import_dataset(made["foreign"], place / "set")
-    return {name: open_catalog(catalog.location) for name, catalog in made.items()}
+        catalogs[name].release(PLAN[:20], "Grace")
+    rewrite(catalogs["altered"], "transfers", min_clearance_m=99.0)
+    export_dataset(catalogs["sound"], place / "set", "boxes-v1", [PLAN[:20]], "CC0-1.0")
+    catalogs["foreign"] = open_catalog(place / "foreign")
+    import_dataset(catalogs["foreign"], place / "set")
+    return {name: open_catalog(catalog.location) for name, catalog in catalogs.items()}
 
 
 # One gate asks every rule of every format: all rules of one, one of all; all of all before a release.
@@ -139,10 +139,10 @@ def test_photos_are_asked_for_by_the_parameters_that_autopilots_read(catalogs, t
     assert triggers
     words = {at: text.lower() for at, text in dialect[command].param.items()}
     for number, values in enumerate(triggers):
-        given = {at: value for at, value in enumerate(values, start=1) if value}
+        parameters = {at: value for at, value in enumerate(values, start=1) if value}
         if command == 203:  # one trigger: "Shooting Command", and nothing of zoom, focus or session
-            assert given == {5: 1.0} and "shoot" in words[5]
+            assert parameters == {5: 1.0} and "shoot" in words[5]
         elif command == 2000:
-            assert given == {3: 1.0, 4: number + 1.0} and "total number of images" in words[3]
+            assert parameters == {3: 1.0, 4: number + 1.0} and "total number of images" in words[3]
         else:
-            assert given in ({1: 3.0, 3: 1.0}, {}) and "distance" in words[1] and "trigger" in words[3]
+            assert parameters in ({1: 3.0, 3: 1.0}, {}) and "distance" in words[1] and "trigger" in words[3]

@@ -25,15 +25,15 @@ TARGETS = 12
 
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("from"))
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(TARGETS))])
-    made.add_demonstrations(
+    catalog = open_catalog(tmp_path_factory.mktemp("from"))
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(TARGETS))])
+    catalog.add_demonstrations(
         [demonstration(), demonstration("other", 1, breaks=np.array([49]), about="part_3")]
     )
     plans = [plan(f"t{at}", at) for at in range(TARGETS)]
     plans = [replace(each, trajectory=replace(each.trajectory, t_s=np.arange(60) / 20)) for each in plans]
-    made.add_plans([(key_of(at), each, {"run_id": "r"}) for at, each in enumerate(plans)])
-    return made
+    catalog.add_plans([(key_of(at), each, {"run_id": "r"}) for at, each in enumerate(plans)])
+    return catalog
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +73,8 @@ def test_a_demonstration_goes_out_as_it_was_flown_and_nothing_is_made_up_for_its
         assert len(states) == int(t_s[-1] * 20) + 1
         assert np.allclose(states[0, :3], flight.positions[begin], atol=1e-5)
         at = np.arange(len(states)) / 20
-        wanted = [np.interp(at, t_s, flight.positions[begin:end, axis]) for axis in range(3)]
-        assert np.allclose(states[:, :3], np.transpose(wanted), atol=1e-4)
+        expected = [np.interp(at, t_s, flight.positions[begin:end, axis]) for axis in range(3)]
+        assert np.allclose(states[:, :3], np.transpose(expected), atol=1e-4)
 
 
 def test_quaternions_are_continuous_within_an_episode(catalog, folder):
@@ -102,17 +102,17 @@ def test_tasks_are_words_that_a_demonstration_and_its_plans_share(folder):
 def test_splits_are_ranges_of_episodes_and_keep_structures_apart(folder):
     episodes = read(folder, "meta/episodes")
     info = json.loads((folder / "meta" / "info.json").read_text())
-    said = json.loads((folder / "meta" / "splits.json").read_text())
+    splits = json.loads((folder / "meta" / "splits.json").read_text())
     by_split = {}
     for name, text in info["splits"].items():
         begin, end = map(int, text.split(":"))
         by_split["validation" if name == "val" else name] = list(range(begin, end))
     assert list(by_split) == ["train", "validation", "test"]
     for name, numbers in by_split.items():
-        assert said["by_structure"][name]["episodes"] == numbers
+        assert splits["by_structure"][name]["episodes"] == numbers
         assert set(episodes.loc[episodes["split"] == name, "episode_index"]) == set(numbers)
     assert episodes.groupby("structure_id")["split"].nunique().max() == 1
-    assert said["by_kind"]["box"]["episodes"] == list(range(len(episodes)))
+    assert splits["by_kind"]["box"]["episodes"] == list(range(len(episodes)))
 
 
 def test_the_card_says_what_it_holds_and_whose_it_is(folder, catalog, tmp_path):
@@ -146,10 +146,10 @@ def test_polars_and_duckdb_read_what_pandas_reads(folder):
     joined = joined[joined["origin"] == "plan"].assign(
         z_m=lambda rows: [each[2] for each in rows["observation.state"]]
     )
-    wanted = joined.groupby("split")["z_m"].agg(["size", "mean"])
+    expected = joined.groupby("split")["z_m"].agg(["size", "mean"])
     for split, count, mean in duckdb.sql(query).fetchall():
-        assert count == wanted["size"][split]
-        assert mean == pytest.approx(wanted["mean"][split], abs=1e-4)
+        assert count == expected["size"][split]
+        assert mean == pytest.approx(expected["mean"][split], abs=1e-4)
 
 
 def test_evo_reads_episodes_and_text_files_as_the_same_trajectories(catalog, folder, tmp_path):
@@ -183,19 +183,19 @@ def test_lerobot_itself_loads_what_was_exported(catalog: Catalog, tmp_path: Path
     counts = export_lerobot(catalog, tmp_path / "set", catalog.transfers(), fps=20)
     command = [str(PYTHON), str(Path(__file__).parent / "read_by_lerobot.py"), str(tmp_path / "set")]
     home = {"HF_HOME": str(tmp_path / "home"), "HF_LEROBOT_HOME": str(tmp_path / "home")}
-    done = subprocess.run(
+    process = subprocess.run(
         command, capture_output=True, text=True, timeout=600, env=os.environ | home, check=False
     )
-    assert done.returncode == 0, done.stderr[-3000:]
-    found = json.loads(done.stdout.splitlines()[-1])
-    assert (found["episodes"], found["frames"]) == (counts["episodes"], counts["frames"])
-    assert found["fps"] == 20
+    assert process.returncode == 0, process.stderr[-3000:]
+    dataset = json.loads(process.stdout.splitlines()[-1])
+    assert (dataset["episodes"], dataset["frames"]) == (counts["episodes"], counts["frames"])
+    assert dataset["fps"] == 20
     frames = read(tmp_path / "set", "data")
-    assert np.allclose(found["states"], np.stack(frames["observation.state"].to_list()))
-    assert np.allclose(found["actions"], np.stack(frames["action"].to_list()))
-    assert found["episode_of"] == frames["episode_index"].tolist()
-    assert np.allclose(found["seconds"], frames["timestamp"])
-    assert found["tasks"] == sorted(pd.read_parquet(tmp_path / "set" / "meta" / "tasks.parquet").index)
+    assert np.allclose(dataset["states"], np.stack(frames["observation.state"].to_list()))
+    assert np.allclose(dataset["actions"], np.stack(frames["action"].to_list()))
+    assert dataset["episode_of"] == frames["episode_index"].tolist()
+    assert np.allclose(dataset["seconds"], frames["timestamp"])
+    assert dataset["tasks"] == sorted(pd.read_parquet(tmp_path / "set" / "meta" / "tasks.parquet").index)
     splits = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())["splits"]
-    assert found["splits"] == splits
-    assert found["kinds"] == ["box"] * counts["episodes"], "what stands beside each episode was not read"
+    assert dataset["splits"] == splits
+    assert dataset["kinds"] == ["box"] * counts["episodes"], "what stands beside each episode was not read"

@@ -17,12 +17,12 @@ from upplied.outputs.learning import export_lerobot, lerobot
 
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory) -> Catalog:
-    made = open_catalog(tmp_path_factory.mktemp("from"))
-    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
-    made.add_demonstrations([demonstration()])
-    made.add_plans([(key_of(at), plan(f"t{at}", at), {}) for at in range(3)])
-    made.add_plans([(key_of(3), plan("t3", status="refused"), {})])
-    return made
+    catalog = open_catalog(tmp_path_factory.mktemp("from"))
+    catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of(at), plan(f"t{at}", at), {}) for at in range(3)])
+    catalog.add_plans([(key_of(3), plan("t3", status="refused"), {})])
+    return catalog
 
 
 def test_lerobot_layout(catalog, tmp_path):

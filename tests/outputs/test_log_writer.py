@@ -139,20 +139,20 @@ def test_the_sample_fleet_reads_back(fleet: Path) -> None:
     assert [entry.structure_id for entry in entries] == list(samples)
     assert {entry.path.suffix for entry in entries} == {".ply", ".glb", ".stl", ".obj"}
     for entry in entries:
-        read, made = read_structure(entry), samples[entry.structure_id]
-        assert len(read.triangles) == len(made.triangles)
-        assert np.abs(read.vertices.min(axis=0) - made.vertices.min(axis=0)).max() < 1e-4
-        assert np.abs(read.vertices.max(axis=0) - made.vertices.max(axis=0)).max() < 1e-4
-        corners = [one.vertices[one.triangles].mean(axis=(0, 1)) for one in (read, made)]
+        read, sample = read_structure(entry), samples[entry.structure_id]
+        assert len(read.triangles) == len(sample.triangles)
+        assert np.abs(read.vertices.min(axis=0) - sample.vertices.min(axis=0)).max() < 1e-4
+        assert np.abs(read.vertices.max(axis=0) - sample.vertices.max(axis=0)).max() < 1e-4
+        corners = [one.vertices[one.triangles].mean(axis=(0, 1)) for one in (read, sample)]
         assert np.allclose(*corners, atol=1e-3)
-        assert read.kind == made.kind
-        assert read.site == made.site
+        assert read.kind == sample.kind
+        assert read.site == sample.site
         assert read.placement is not None
-        assert made.placement is not None
-        assert read.placement.heading_deg == made.placement.heading_deg
+        assert sample.placement is not None
+        assert read.placement.heading_deg == sample.placement.heading_deg
         assert read.surroundings.ground_z_m == 0.0
-        assert list(read.landmarks) == list(made.landmarks)
-        for name, place in made.landmarks.items():
+        assert list(read.landmarks) == list(sample.landmarks)
+        for name, place in sample.landmarks.items():
             assert read.landmarks[name] == pytest.approx(place, abs=1e-3)
 
 

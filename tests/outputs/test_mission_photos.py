@@ -31,7 +31,7 @@ HOME = (30.0, 0.0, 0.0)
 
 def read(tmp_path, name, options, plan=None, camera=None):
     """What the files of a mission state, each with its mission."""
-    done = export(
+    files = export(
         plan or made_plan(rounds(count=80)),
         placed_box(),
         name,
@@ -41,7 +41,7 @@ def read(tmp_path, name, options, plan=None, camera=None):
     )
     return [
         (read_mission(name, path.read_bytes(), one), one)
-        for path, one in zip(done.paths, done.missions, strict=True)
+        for path, one in zip(files.paths, files.missions, strict=True)
     ]
 
 
@@ -270,8 +270,8 @@ def test_the_interval_is_that_of_who_flies():
 def test_a_film_begins_with_the_inspection_and_ends_with_it(tmp_path):
     options = MissionOptions(photos="video", drone="m30t", home_m=HOME)
     for name in ("qgc-plan", "dji-wpml", "litchi"):
-        done = export(made_plan(), placed_box(), name, tmp_path / f"f{FORMATS[name]}", options)
-        (mission,), path = done.missions, done.paths[0]
+        files = export(made_plan(), placed_box(), name, tmp_path / f"f{FORMATS[name]}", options)
+        (mission,), path = files.missions, files.paths[0]
         assert not mission.photo.any() and any("records a video" in note for note in mission.notes)
         if name == "qgc-plan":
             commands = [item["command"] for item in json.loads(path.read_text())["mission"]["items"]]

@@ -92,9 +92,9 @@ def test_splitting_keeps_every_photo_in_order_and_every_limit(options):
         assert np.allclose(before[-1], after[0])  # the cut waypoint belongs to both
     joined = np.concatenate([inside[0], *(part[1:] for part in inside[1:])])
     assert np.allclose(joined, whole[0].local[whole[0].inspect])
-    wanted = {tuple(place) for place in whole[0].local[whole[0].photo].round(6)}
+    expected = {tuple(place) for place in whole[0].local[whole[0].photo].round(6)}
     taken = {tuple(place) for part in parts for place in part.local[part.photo].round(6)}
-    assert taken == wanted
+    assert taken == expected
     for part in parts:
         budget = options.get("endurance_s", np.inf) * (1 - options.get("reserve_pct", 20.0) / 100)
         assert part.duration_s <= budget and len(part) <= options.get("max_waypoints", 10**9)

@@ -29,8 +29,8 @@ KML = "{http://www.opengis.net/kml/2.2}"
 
 def written(tmp_path, name, options=None, **changes):
     goal = tmp_path / f"mission{FORMATS[name]}"
-    done = export(made_plan(**changes), placed_box(), name, goal, options)
-    return done, done.paths[0]
+    files = export(made_plan(**changes), placed_box(), name, goal, options)
+    return files, files.paths[0]
 
 
 @pytest.fixture
@@ -69,18 +69,18 @@ def test_the_autopilot_gets_the_fence_of_the_manifest(tmp_path, mavsdk_importer,
     x, y = mission.local[len(mission) // 2, :2]
     below = np.array([[x - 0.3, y - 0.3, 0.0], [x + 0.3, y + 0.3, 0.1]])
     structure = placed_box(geofence_m=FENCE, keep_out_m=np.stack([BOX, below]))
-    done = export(made_plan(), structure, "qgc-plan", tmp_path / "a.plan")
-    items = mavsdk_importer(done.paths[0].read_text()).geofence_items
+    files = export(made_plan(), structure, "qgc-plan", tmp_path / "a.plan")
+    items = mavsdk_importer(files.paths[0].read_text()).geofence_items
     assert [(item.command, item.param1) for item in items] == [(5001, 4.0)] * 4 + [(5002, 4.0)] * 4
     places = np.array([[item.x, item.y] for item in items]) * 1e-7
     altitude = np.full(len(places), structure.placement.alt_m)
     local = from_geodetic(np.column_stack([places, altitude]), structure.placement)[:, :2]
     assert np.allclose(local[:4], FENCE, atol=0.02)
     assert np.allclose([local[4:].min(axis=0), local[4:].max(axis=0)], BOX[:, :2], atol=0.02)
-    assert any("1 keep-out boxes are not in the fence" in note for note in done.notes)
-    done = export(made_plan(), structure, "mavlink", tmp_path / "a.waypoints")
-    rows = [line.split("\t") for line in done.paths[1].read_text().splitlines()[1:]]
-    assert done.paths[1].name == "a.fence.waypoints"
+    assert any("1 keep-out boxes are not in the fence" in note for note in files.notes)
+    files = export(made_plan(), structure, "mavlink", tmp_path / "a.waypoints")
+    rows = [line.split("\t") for line in files.paths[1].read_text().splitlines()[1:]]
+    assert files.paths[1].name == "a.fence.waypoints"
     assert [int(row[3]) for row in rows] == [item.command for item in items]
     assert np.allclose([[float(value) for value in row[8:10]] for row in rows], places, atol=2e-7)
 
@@ -89,20 +89,20 @@ def test_the_autopilot_gets_the_rally_points_of_the_manifest(tmp_path, mavsdk_im
     """In the plan, and in a file beside a MAVLink mission: places, and heights over home."""
     rally = np.array([[-30.0, 20.0, 9.0], [25.0, -18.0, 11.5]])
     structure = placed_box(rally_m=rally)
-    done = export(made_plan(), structure, "qgc-plan", tmp_path / "a.plan")
-    items = mavsdk_importer(done.paths[0].read_text()).rally_items
+    files = export(made_plan(), structure, "qgc-plan", tmp_path / "a.plan")
+    items = mavsdk_importer(files.paths[0].read_text()).rally_items
     assert [(item.command, item.frame) for item in items] == [(5100, 3)] * 2
     places = np.array([[item.x, item.y] for item in items]) * 1e-7
     altitude = np.full(len(places), structure.placement.alt_m)
     local = from_geodetic(np.column_stack([places, altitude]), structure.placement)[:, :2]
     assert np.allclose(local, rally[:, :2], atol=0.02)
-    assert np.allclose([item.z for item in items], rally[:, 2] - done.missions[0].home_local[2], atol=1e-3)
-    done = export(made_plan(), structure, "mavlink", tmp_path / "a.waypoints")
-    assert [path.name for path in done.paths] == ["a.waypoints", "a.rally.waypoints"]
-    rows = [line.split("\t") for line in done.paths[1].read_text().splitlines()[1:]]
+    assert np.allclose([item.z for item in items], rally[:, 2] - files.missions[0].home_local[2], atol=1e-3)
+    files = export(made_plan(), structure, "mavlink", tmp_path / "a.waypoints")
+    assert [path.name for path in files.paths] == ["a.waypoints", "a.rally.waypoints"]
+    rows = [line.split("\t") for line in files.paths[1].read_text().splitlines()[1:]]
     assert [row[2:4] for row in rows] == [["3", "5100"]] * 2
     assert np.allclose(
-        [[float(value) for value in row[8:11]] for row in rows], done.missions[0].rally, atol=1e-7
+        [[float(value) for value in row[8:11]] for row in rows], files.missions[0].rally, atol=1e-7
     )
 
 
@@ -158,8 +158,8 @@ def test_pymavlink_loads_the_waypoint_file(tmp_path, mission):
 def ogr(path, *arguments) -> str:
     if shutil.which("ogrinfo") is None:
         pytest.skip("GDAL is not installed; apt-get install gdal-bin")
-    done = subprocess.run(["ogrinfo", *arguments, str(path)], capture_output=True, text=True, check=True)
-    return done.stdout
+    process = subprocess.run(["ogrinfo", *arguments, str(path)], capture_output=True, text=True, check=True)
+    return process.stdout
 
 
 @pytest.mark.parametrize("name", ["kml", "geojson"])
@@ -176,14 +176,14 @@ def test_gdal_reads_the_maps(tmp_path, mission, name):
 
 
 def test_gdal_finds_djis_waypoints(tmp_path, mission):
-    done, path = written(tmp_path, "dji-wpml", MissionOptions(drone="m30t"))
+    files, path = written(tmp_path, "dji-wpml", MissionOptions(drone="m30t"))
     template = tmp_path / "template.kml"
     template.write_bytes(zipfile.ZipFile(path).read("wpmz/template.kml"))
-    assert ogr(template, "-ro", "-al").count("POINT") == len(done.missions[0]) == len(mission)
+    assert ogr(template, "-ro", "-al").count("POINT") == len(files.missions[0]) == len(mission)
 
 
 def test_dji_files_have_every_element_the_tables_require(tmp_path):
-    done, path = written(tmp_path, "dji-wpml", MissionOptions(drone="m3e", photos="distance"))
+    files, path = written(tmp_path, "dji-wpml", MissionOptions(drone="m3e", photos="distance"))
     archive = zipfile.ZipFile(path)
     assert archive.namelist() == ["wpmz/template.kml", "wpmz/waylines.wpml"]
     required = {
@@ -208,7 +208,7 @@ def test_dji_files_have_every_element_the_tables_require(tmp_path):
             for element in elements:
                 assert set(children.split()) <= {child.tag.removeprefix(WPML) for child in element}
         marks = list(root.iter(f"{KML}Placemark"))
-        assert [int(mark.find(f"{WPML}index").text) for mark in marks] == list(range(len(done.missions[0])))
+        assert [int(mark.find(f"{WPML}index").text) for mark in marks] == list(range(len(files.missions[0])))
         assert all(mark.find(f"{WPML}{child}") is not None for mark in marks for child in places.split())
         angles = [float(each.text) for each in root.iter(f"{WPML}waypointHeadingAngle")]
         assert all(-180 <= angle <= 180 for angle in angles)
@@ -227,9 +227,9 @@ def test_dji_asks_which_drone_flies(tmp_path):
 
 
 def test_litchi_has_its_46_columns_and_codes(tmp_path):
-    done, _ = written(tmp_path, "litchi", MissionOptions(max_waypoints=25))
-    assert len(done.paths) > 1
-    for path, mission in zip(done.paths, done.missions, strict=True):
+    files, _ = written(tmp_path, "litchi", MissionOptions(max_waypoints=25))
+    assert len(files.paths) > 1
+    for path, mission in zip(files.paths, files.missions, strict=True):
         rows = list(csv.reader(path.open()))
         assert len(rows[0]) == 46 and len(rows) - 1 == len(mission) <= (
             Flying.of("litchi").max_waypoints or 0
@@ -301,12 +301,12 @@ def test_equal_plans_give_equal_bytes_and_refused_ones_none(tmp_path, name):
 
 
 def test_sorties_are_numbered_files(tmp_path):
-    done, _ = written(tmp_path, "qgc-plan", MissionOptions(endurance_s=120.0))
-    names = [path.name for path in done.paths]
+    files, _ = written(tmp_path, "qgc-plan", MissionOptions(endurance_s=120.0))
+    names = [path.name for path in files.paths]
     assert names == [f"mission-{at + 1}of{len(names)}.plan" for at in range(len(names))] and len(names) > 1
-    ends = [json.loads(path.read_text())["mission"]["items"][-1]["command"] for path in done.paths]
+    ends = [json.loads(path.read_text())["mission"]["items"][-1]["command"] for path in files.paths]
     assert set(ends) == {20}
-    for before, after in itertools.pairwise(done.missions):
+    for before, after in itertools.pairwise(files.missions):
         assert np.allclose(before.local[before.inspect][-1], after.local[after.inspect][0])
 
 

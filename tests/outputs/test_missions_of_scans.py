@@ -67,13 +67,13 @@ def test_the_ways_keep_their_clearance_from_the_end_that_was_not_scanned(home) -
     whole, scan, supposed = lost_end()
     options = MissionOptions(home_m=home)
     (blind,) = missions_of(plan_for(side(4.0), None), scan, options)
-    (made,) = missions_of(plan_for(side(4.0), supposed), scan, options)
+    (mission,) = missions_of(plan_for(side(4.0), supposed), scan, options)
     assert path_clearance(scene_of(whole), blind.local).distance_m < 1.0  # else nothing is tested
-    assert path_clearance(scene_of(whole), made.local).distance_m > 1.9
-    assert path_clearance(scene_for(scan, supposed), made.local).distance_m >= 1.95
-    assert any("never scanned" in note for note in made.notes)
+    assert path_clearance(scene_of(whole), mission.local).distance_m > 1.9
+    assert path_clearance(scene_for(scan, supposed), mission.local).distance_m >= 1.95
+    assert any("never scanned" in note for note in mission.notes)
     assert not any("never scanned" in note for note in blind.notes)
-    assert np.array_equal(made.local[made.inspect], blind.local[blind.inspect])
+    assert np.array_equal(mission.local[mission.inspect], blind.local[blind.inspect])
 
 
 @pytest.mark.ci

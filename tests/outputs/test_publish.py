@@ -44,13 +44,13 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
-        given = dict(attrs)
+        attributes = dict(attrs)
         self.tags.add(tag)
-        self.links += [given[name] for name in ("src", "href") if name in given]
-        if tag == "meta" and "content-security-policy" in given.get("http-equiv", "").lower():
-            self.policy = given["content"]
+        self.links += [attributes[name] for name in ("src", "href") if name in attributes]
+        if tag == "meta" and "content-security-policy" in attributes.get("http-equiv", "").lower():
+            self.policy = attributes["content"]
         if tag == "script":
-            self.scripts.append((given, ""))
+            self.scripts.append((attributes, ""))
 
     def handle_data(self, data):
         if self.scripts and self.cdata_elem == "script":
@@ -59,7 +59,7 @@ class Page(HTMLParser):
 
     @property
     def data(self) -> dict:
-        return json.loads(next(text for given, text in self.scripts if given.get("id") == "data"))
+        return json.loads(next(text for attributes, text in self.scripts if attributes.get("id") == "data"))
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,10 @@ def test_no_text_of_a_log_becomes_markup(folder):
         parsed = Page(text)
         assert "img" not in parsed.tags and "b" not in parsed.tags
         assert EVIL not in text
-        assert all(given.get("src") or given.get("type") == "application/json" for given, _ in parsed.scripts)
+        assert all(
+            attributes.get("src") or attributes.get("type") == "application/json"
+            for attributes, _ in parsed.scripts
+        )
         assert "script-src 'self';" in parsed.policy and "default-src 'none'" in parsed.policy
     assert page(folder / "transfers" / "orbit-1--odd.html").data["transfer"]["demonstration"]["notes"] == EVIL
 
@@ -193,8 +196,8 @@ def test_one_broken_structure_costs_its_own_page_only(tmp_path):
                 raise InputError("cuboid-0", "its mesh is gone")
             return super().structure(structure_id)
 
-    done = publish_pages(Broken(targets=2), tmp_path, pictures=0)
-    assert len(done.problems) == 1 and "cuboid-0" in done.problems[0]
+    result = publish_pages(Broken(targets=2), tmp_path, pictures=0)
+    assert len(result.problems) == 1 and "cuboid-0" in result.problems[0]
     assert (tmp_path / "transfers" / "orbit-1--cuboid-1.html").exists()
     fleet = page(tmp_path / "index.html").data["fleet"]
     linked = {row[0]: row[fleet["columns"].index("page")] for row in fleet["rows"]}
@@ -204,8 +207,8 @@ def test_one_broken_structure_costs_its_own_page_only(tmp_path):
 def test_an_id_that_is_no_file_name_makes_no_file(tmp_path):
     catalog = FakeCatalog(targets=1)
     catalog.rows[0]["target_id"] = "../../evil"
-    done = publish_pages(catalog, tmp_path / "a" / "reports", pictures=0)
-    assert len(done.problems) == 1 and not list(tmp_path.rglob("*evil*"))
+    result = publish_pages(catalog, tmp_path / "a" / "reports", pictures=0)
+    assert len(result.problems) == 1 and not list(tmp_path.rglob("*evil*"))
 
 
 def test_an_empty_catalog_has_an_empty_page(tmp_path):
@@ -230,8 +233,8 @@ def stored(tmp_path_factory) -> Catalog:
 
 @pytest.mark.ci
 def test_a_catalog_becomes_tables_that_pandas_reads_and_pages(stored, tmp_path):
-    done = publish(stored, tmp_path, pictures=0)
-    assert not done.problems and done.index == tmp_path / "index.html"
+    result = publish(stored, tmp_path, pictures=0)
+    assert not result.problems and result.index == tmp_path / "index.html"
     transfers = pd.read_parquet(tmp_path / "transfers.parquet")
     assert len(transfers) == 4 and set(transfers["status"]) == {"ok", "refused"}
     assert len(pd.read_parquet(tmp_path / "waypoints.parquet")) == transfers["n_waypoints"].sum()
@@ -283,13 +286,13 @@ def test_of_many_pairs_those_are_shown_that_need_a_person_first(seed):
 
 
 def test_a_fleet_beyond_what_a_browser_lists_says_so(catalog, tmp_path):
-    done = publish_pages(catalog, tmp_path, pictures=0, most=2)
+    result = publish_pages(catalog, tmp_path, pictures=0, most=2)
     fleet = page(tmp_path / "index.html").data["fleet"]
     assert (len(fleet["rows"]), fleet["known"]) == (2, 3)
     assert sorted(row[0] for row in fleet["rows"]) == sorted(
         path.stem for path in (tmp_path / "transfers").iterdir()
     )
-    assert fleet["rows"][0][0] == "orbit-1--odd" and not done.problems
+    assert fleet["rows"][0][0] == "orbit-1--odd" and not result.problems
     with pytest.raises(SettingsError, match="61 transfers chosen"):
         publish_file(FakeCatalog(targets=60), tmp_path / "many.html")
 
@@ -306,8 +309,8 @@ def test_pictures_and_missions_by_id(stored, tmp_path):
     with pytest.raises(RefusedError, match="released: it is a draft plan"):
         render.export_transfer(stored, row["transfer_id"], "mcap", tmp_path / "p.mcap")
     draft = MissionOptions(draft=True)
-    done = render.export_transfer(stored, row["transfer_id"], "mcap", tmp_path / "p.mcap", draft)
-    assert b"DRAFT, NOT RELEASED" in done.paths[0].read_bytes()
+    files = render.export_transfer(stored, row["transfer_id"], "mcap", tmp_path / "p.mcap", draft)
+    assert b"DRAFT, NOT RELEASED" in files.paths[0].read_bytes()
     with pytest.raises(RefusedError, match="place on the Earth is unknown"):
         render.export_transfer(stored, row["transfer_id"], "kml", tmp_path / "p.kml", draft)
     with pytest.raises(CatalogError, match="not in the catalog"):
@@ -319,7 +322,7 @@ def test_pictures_and_missions_by_id(stored, tmp_path):
 def test_the_mailed_file_needs_nothing_and_runs_only_our_scripts(catalog, tmp_path):
     parsed = page(publish_file(catalog, tmp_path / "report.html"))
     assert not [link for link in parsed.links if not link.startswith("#")]
-    code = [text for given, text in parsed.scripts if given.get("type") != "application/json"]
+    code = [text for attributes, text in parsed.scripts if attributes.get("type") != "application/json"]
     allowed = re.findall(r"'sha256-([^']+)'", parsed.policy)
     assert [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in code] == allowed
     assert set(parsed.data["pairs"]) == {"orbit-1--cuboid-0", "orbit-1--cuboid-1", "orbit-1--odd"}
@@ -344,8 +347,8 @@ def test_a_plan_that_breaks_a_rule_of_the_gate_says_so_on_its_page_and_in_the_re
     near = catalog.planned("cuboid-0", "recommended", 90.0)
     path = replace(near.trajectory, positions=near.trajectory.positions * [0.55, 0.55, 1.0])
     catalog.add(replace(near, trajectory=path))
-    done = publish_pages(catalog, tmp_path)
-    (fault,) = [problem for problem in done.problems if "clearance: " in problem]
+    result = publish_pages(catalog, tmp_path)
+    (fault,) = [problem for problem in result.problems if "clearance: " in problem]
     assert "limit 2 m" in fault
     page = (tmp_path / "transfers" / f"{pair_name('orbit-1', 'cuboid-0')}.html").read_text()
     (plan,) = [each for each in Page(page).data["transfer"]["plans"] if each["preset"] == "recommended"]

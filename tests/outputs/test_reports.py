@@ -98,9 +98,9 @@ def test_a_point_cloud_is_shown_as_points():
 @given(st.lists(st.floats(-1e6, 1e6, width=32), max_size=20))
 def test_packed_arrays_unpack_to_themselves(values):
     array = np.array(values, np.float32)
-    made = packed(array)
-    assert made["type"] == "f4" and np.array_equal(
-        np.frombuffer(base64.b64decode(made["data"]), "<f4"), array
+    content = packed(array)
+    assert content["type"] == "f4" and np.array_equal(
+        np.frombuffer(base64.b64decode(content["data"]), "<f4"), array
     )
 
 
@@ -141,13 +141,13 @@ def row(
     at: str = "2026-01-01",
     **more,
 ):
-    given = {
+    values = {
         "transfer_id": f"{target}{preset}{at}",
         "demonstration_id": "d",
         "source_id": "s",
         "target_id": target,
     }
-    given |= {
+    values |= {
         "kind": "k",
         "preset": preset,
         "status": status,
@@ -157,7 +157,7 @@ def row(
         "state": "draft",
         "state_at": None,
     }
-    return given | {"coverage_seen_pct": seen, "min_clearance_m": 3.0} | more
+    return values | {"coverage_seen_pct": seen, "min_clearance_m": 3.0} | more
 
 
 def test_pictures_are_as_fine_as_their_distance_says():

@@ -47,8 +47,8 @@ def planned(source: str, target: str, inspection: str, change: str, seed: int) -
 @pytest.mark.parametrize("pair", [PAIRS[0], pytest.param(PAIRS[1], marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("change", "seed"), slow_after(1, [("moved", 0), ("reordered", 0), ("", 1)]))
 def test_the_same_structure_gets_the_same_plan(pair: tuple[str, str, str], change: str, seed: int) -> None:
-    given, other = planned(*pair, "", 0), planned(*pair, change, seed)
-    assert given.status == other.status == "ok"
-    shown = [plan.measures.coverage_inspected_pct for plan in (given, other)]
+    plan, other = planned(*pair, "", 0), planned(*pair, change, seed)
+    assert plan.status == other.status == "ok"
+    shown = [plan.measures.coverage_inspected_pct for plan in (plan, other)]
     assert abs(shown[0] - shown[1]) < 3.0
-    assert abs(given.measures.acceptance_probability - other.measures.acceptance_probability) < 0.1
+    assert abs(plan.measures.acceptance_probability - other.measures.acceptance_probability) < 0.1

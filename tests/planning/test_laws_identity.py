@@ -76,18 +76,18 @@ def longest_stays(
     flight: Trajectory, within_m: float = 0.4, least_s: float = 4.5
 ) -> list[tuple[Floats, float]]:
     """Place and duration of each time spent within a small ball for long, away from both ends."""
-    found, index = [], 0
+    stays, index = [], 0
     last = len(flight) - 1
     while index <= last:
         away = np.linalg.norm(flight.positions[index:] - flight.positions[index], axis=1) > within_m
         stop = index + int(away.argmax()) if away.any() else last + 1
         spent = flight.t_s[min(stop, last)] - flight.t_s[index]
         if spent >= least_s and index > 0 and stop <= last:
-            found.append((flight.positions[index:stop].mean(axis=0), float(spent)))
+            stays.append((flight.positions[index:stop].mean(axis=0), float(spent)))
             index = stop
         else:
             index += 1
-    return found
+    return stays
 
 
 @pytest.mark.parametrize(("structure", "inspection", "seed"), FLIGHTS)
@@ -152,8 +152,8 @@ def test_close_ups_hovers_and_second_passes_are_kept(depth: float, hover: float,
     assert off.min() == pytest.approx(12 - depth, rel=0.1)
     ours, theirs = longest_stays(plan.trajectory, 0.3, 2.0), longest_stays(demonstration.trajectory, 0.3, 2.0)
     (stay,) = (spent for place, spent in ours if wall - place[1] < 12 - depth + 0.5)
-    (meant,) = (spent for place, spent in theirs if wall - place[1] < 12 - depth + 0.5)
-    assert stay == pytest.approx(meant, rel=0.1)
+    (expected,) = (spent for place, spent in theirs if wall - place[1] < 12 - depth + 0.5)
+    assert stay == pytest.approx(expected, rel=0.1)
     length = [
         np.linalg.norm(np.diff(even(path, 4000), axis=0), axis=1).sum()
         for path in (plan.trajectory.positions,)

@@ -53,17 +53,17 @@ def test_presets_that_enforce_nothing_tell_how_near_they_come(preset: str, numbe
     target, plan = planned(number, preset)
     if plan.status != "ok":
         pytest.skip(f"refused: {plan.reason}")
-    found = clearance(target, plan.trajectory)
-    assert plan.measures.min_clearance_m == pytest.approx(found, abs=0.01)
-    said = any("m are required" in warning for warning in plan.warnings)
-    assert said == (found < 2.0) or abs(found - 2) < 0.01
+    clearance_m = clearance(target, plan.trajectory)
+    assert plan.measures.min_clearance_m == pytest.approx(clearance_m, abs=0.01)
+    has_warning = any("m are required" in warning for warning in plan.warnings)
+    assert has_warning == (clearance_m < 2.0) or abs(clearance_m - 2) < 0.01
 
 
 def test_the_ruler_tells_what_is_known_in_closed_form() -> None:
     corners = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
     points = np.array([[1.0, 1, 3], [-3, -4, 0], [4, 4, 0], [2, -1, 0], [1, 1, 0]])
-    found = distance_to_triangles(points, corners, np.array([[0, 1, 2]]))
-    assert found == pytest.approx([3, 5, 2 * np.sqrt(2), 1, 0])
+    actual = distance_to_triangles(points, corners, np.array([[0, 1, 2]]))
+    assert actual == pytest.approx([3, 5, 2 * np.sqrt(2), 1, 0])
     notched = np.array([(0, 0), (10, 0), (10, 10), (7, 10), (7, 2), (3, 2), (3, 10), (0, 10)], float)
     places = np.array([(1, 5), (5, 5), (9, 5), (5, 1), (11, 5)], float)
     assert inside_polygon(notched, places).tolist() == [True, False, True, True, False]

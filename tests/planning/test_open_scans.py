@@ -42,16 +42,16 @@ def test_what_was_never_scanned_is_said_not_shown_and_kept_clear_of(first: float
     plan, full = (plan_transfer(ring(first + 2), body(), target, settings) for target in (scan, whole))
     assert plan.trajectory is not None and full.trajectory is not None
     assert full.measures.never_scanned_m2 == 0 and full.counterparts[0].never_scanned_pct == 0
-    assert not any("never scanned" in said for said in full.warnings)
+    assert not any("never scanned" in warning for warning in full.warnings)
     lacks = _area(whole) - _area(scan)
     assert plan.measures.never_scanned_m2 == pytest.approx(lacks, rel=0.3)
     one = plan.counterparts[0]
     assert 10 < one.never_scanned_pct < 60
-    assert any(one.part in said and "was never scanned" in said for said in plan.warnings)
+    assert any(one.part in warning and "was never scanned" in warning for warning in plan.warnings)
     assert plan.measures.coverage_inspected_pct < full.measures.coverage_inspected_pct - 8
     # On the whole body, of which the plan was told a part, it keeps what it promises.
-    kept = path_clearance(scene_of(whole), plan.trajectory.positions).distance_m
-    assert kept >= plan.measures.min_clearance_m - 0.02 and kept > 1.9
+    clearance_m = path_clearance(scene_of(whole), plan.trajectory.positions).distance_m
+    assert clearance_m >= plan.measures.min_clearance_m - 0.02 and clearance_m > 1.9
 
 
 def _area(structure: Structure) -> float:

@@ -58,9 +58,9 @@ def test_paper_gives_the_demonstrated_viewpoints_back_on_the_same_structure(flee
     cube, settings = fleet["cube-v1"], settings_for("paper")
     plan = plan_transfer(around_cube, cube, cube, settings)
     (take,) = takes_of(around_cube, study_pair(cube, cube, settings), settings)
-    found = take.inspection.viewpoints
-    np.testing.assert_allclose(plan.trajectory.positions, found.positions, atol=1e-6)
-    assert angle_between(plan.trajectory.quat_xyzw, found.quat_xyzw).max() < 1e-6
+    viewpoints = take.inspection.viewpoints
+    np.testing.assert_allclose(plan.trajectory.positions, viewpoints.positions, atol=1e-6)
+    assert angle_between(plan.trajectory.quat_xyzw, viewpoints.quat_xyzw).max() < 1e-6
 
 
 @pytest.mark.ci
@@ -68,12 +68,12 @@ def test_stand_off_is_kept_where_geometry_says_so(fleet, around_cube):
     """On a cube of twice the size the box ratio doubles every distance: kept if scaled, lost if in metres."""
     cube = fleet["cube-v1"]
     twice = replace(cube, structure_id="twice", vertices=2 * cube.vertices, sha256="")
-    for standoff, kept in (("scaled", 100.0), ("kept", 0.0)):
+    for standoff, percent in (("scaled", 100.0), ("kept", 0.0)):
         settings = settings_for("baseline", transfer={"standoff": standoff})
-        assert plan_transfer(around_cube, cube, twice, settings).measures.standoff_kept_pct == kept
+        assert plan_transfer(around_cube, cube, twice, settings).measures.standoff_kept_pct == percent
     nearer = replace(cube, structure_id="wider", vertices=cube.vertices * [1, 1.5, 1], sha256="")
-    found = plan_transfer(around_cube, cube, nearer, settings_for("baseline", transfer={"standoff": "kept"}))
-    assert 0 < found.measures.standoff_kept_pct < 100  # before two faces as demonstrated, farther from two
+    plan = plan_transfer(around_cube, cube, nearer, settings_for("baseline", transfer={"standoff": "kept"}))
+    assert 0 < plan.measures.standoff_kept_pct < 100  # before two faces as demonstrated, farther from two
 
 
 @pytest.mark.ci
@@ -116,10 +116,10 @@ def test_remembered_results_give_the_same_plan(fleet, around_cube):
     store = {}
 
     def memo(stage, record_type, key, compute):
-        found = store.setdefault((stage, key), None) or compute()
-        assert isinstance(found, record_type)
-        store[stage, key] = found
-        return found
+        record = store.setdefault((stage, key), None) or compute()
+        assert isinstance(record, record_type)
+        store[stage, key] = record
+        return record
 
     cube, cuboid = replace(fleet["cube-v1"], sha256="c1"), replace(fleet["cuboid-v1"], sha256="c2")
     flown = replace(around_cube, sha256="f1")
@@ -208,8 +208,8 @@ def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_c
     settings = settings_for("recommended")
     cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]
     low = replace(settings, retime=replace(settings.retime, max_gimbal_pitch_deg=-10.0))
-    told = plan_transfer(around_cube, cube, cuboid, low).warnings
-    assert any("max_gimbal_pitch_deg" in warning for warning in told)
+    warnings = plan_transfer(around_cube, cube, cuboid, low).warnings
+    assert any("max_gimbal_pitch_deg" in warning for warning in warnings)
     untold = plan_transfer(around_cube, cube, cuboid, settings).warnings
     assert not any("gimbal" in warning for warning in untold)
 
@@ -217,9 +217,9 @@ def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_c
 @pytest.mark.slow
 def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     settings = settings_for("recommended")
-    kept = replace(settings, transfer=replace(settings.transfer, standoff="kept"))
+    unscaled = replace(settings, transfer=replace(settings.transfer, standoff="kept"))
     flight = fly(fleet["a320-v1"], "fuselage", seed=1)
-    plan = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], kept)
+    plan = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], unscaled)
     assert plan.status == "ok", plan.reason
     assert plan.measures.standoff_kept_pct > 90  # 94 with this flight, 97 with another
     # With passes added: the surface is 3.5 times as large, so the carried part may stray, 10 m along 70 m.
@@ -234,8 +234,8 @@ def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
 @pytest.mark.ci
 def test_what_comes_too_near_is_said_though_the_surfaces_do_not_correspond(fleet, around_cube):
     """A baseline flight carried to another kind: no correspondence is measured, the distance is."""
-    asked = settings_for("baseline", route={"clearance_m": 10.0})
-    plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["turbine-1-v1"], asked)
+    settings = settings_for("baseline", route={"clearance_m": 10.0})
+    plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["turbine-1-v1"], settings)
     assert plan.measures.min_clearance_m < 10
     *_, unmeasured, too_near = plan.warnings  # before them: the sizes differ
     assert "was not measured" in unmeasured and "10 m are required" in too_near

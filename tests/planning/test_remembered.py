@@ -33,12 +33,12 @@ def test_what_is_shared_is_what_planning_finds_out(monkeypatch):
             assert shared.trajectory.positions.tobytes() == anew.trajectory.positions.tobytes()
             assert repr(shared.measures) == repr(anew.measures) and shared.warnings == anew.warnings
             assert np.array_equal(shared.surface.state, anew.surface.state)
-        monkeypatch.setattr(planning, "_planned", remembered._made)
+        monkeypatch.setattr(planning, "_planned", remembered._plan)
 
 
 @pytest.mark.anew
 def test_a_test_may_plan_everything_itself():
-    assert planning._planned is remembered._made
+    assert planning._planned is remembered._plan
 
 
 def test_the_others_share():
@@ -46,8 +46,8 @@ def test_the_others_share():
 
 
 def test_a_pair_that_is_shared_leaves_in_each_memo_what_its_study_leaves_there():
-    kept: list[dict] = [{}, {}]
-    for store in kept:
+    stores: list[dict] = [{}, {}]
+    for store in stores:
 
         def memo(stage, record_type, key, compute, store=store):
             if (stage, key) not in store:
@@ -56,5 +56,5 @@ def test_a_pair_that_is_shared_leaves_in_each_memo_what_its_study_leaves_there()
 
         pair = remembered._studied(study, CUBE, CUBOID, settings_for("baseline"), memo)
         assert pair.source.sha256 == CUBE.sha256
-    assert kept[0].keys() == kept[1].keys() and len(kept[0]) >= 5
-    assert all(kept[0][name] is kept[1][name] for name in kept[0])
+    assert stores[0].keys() == stores[1].keys() and len(stores[0]) >= 5
+    assert all(stores[0][name] is stores[1][name] for name in stores[0])

@@ -92,7 +92,7 @@ def test_a_wide_look_does_not_stand_in_for_a_narrow_one_from_as_near() -> None:
     results = [
         plan_transfer(each, source, source, settings_for("recommended")).measures for each in (near, wide)
     ]
-    narrow_mm, wide_mm = (found.gsd_demonstrated_mm_p50 for found in results)
+    narrow_mm, wide_mm = (measures.gsd_demonstrated_mm_p50 for measures in results)
     # Not the same patches count: what the wide one has in its picture besides, it shows obliquely.
     assert wide_mm / narrow_mm == pytest.approx(
         np.tan(np.radians(WIDE / 2)) / np.tan(np.radians(NARROW / 2)), rel=0.2
@@ -118,10 +118,10 @@ def test_each_format_that_can_say_a_zoom_says_it_and_the_others_refuse(planned, 
         (int(item["command"]), item["params"]) for item in json.loads(written("qgc-plan"))["mission"]["items"]
     ]
     common = mavutil.mavlink
-    told = [params[1] for command, params in commands if command == common.MAV_CMD_SET_CAMERA_ZOOM]
+    zooms = [params[1] for command, params in commands if command == common.MAV_CMD_SET_CAMERA_ZOOM]
     ends = [WIDE if angle > 60 else NARROW for angle in (angles[0], angles[-1])]
-    assert [told[0], told[-1]] == pytest.approx(ends, rel=0.02) and ends[0] == WIDE
-    assert min(told) == pytest.approx(NARROW, rel=0.02)
+    assert [zooms[0], zooms[-1]] == pytest.approx(ends, rel=0.02) and ends[0] == WIDE
+    assert min(zooms) == pytest.approx(NARROW, rel=0.02)
     kinds = {params[0] for command, params in commands if command == common.MAV_CMD_SET_CAMERA_ZOOM}
     assert kinds == {common.ZOOM_TYPE_HORIZONTAL_FOV}
     with zipfile.ZipFile(io.BytesIO(written("dji-wpml", drone="m30t"))) as archive:
@@ -176,4 +176,4 @@ def test_a_catalog_keeps_the_zoom_and_notices_when_it_is_changed(planned, tmp_pa
     wrong = steps.set_column(at, steps.schema.field(at), pa.chunked_array([spoilt]))
     hashes = {(name, row["commit_id"]): (row["n_waypoints"], row["waypoints_sha256"])}
     assert not list(unlike("waypoints", steps, hashes))
-    assert [found for found, _ in unlike("waypoints", wrong, hashes)] == [name]
+    assert [column for column, _ in unlike("waypoints", wrong, hashes)] == [name]

@@ -30,9 +30,9 @@ def samples(structure: Structure) -> Cloud:
 
 
 def named(where: str, structure: Structure, cloud: Cloud) -> Bools:
-    found = zone_of(where, structure, cloud, skin_parts(structure, scene_of(structure), cloud).label)
-    assert found is not None
-    return found
+    zone = zone_of(where, structure, cloud, skin_parts(structure, scene_of(structure), cloud).label)
+    assert zone is not None
+    return zone
 
 
 def overlap(one: Bools, other: Bools) -> float:
@@ -53,19 +53,19 @@ def test_the_face_of_a_cube_is_the_same_face_of_a_cuboid(axis, sign):
     cube, cuboid = member("cube-v1").structure, member("cuboid-v1").structure
     for target in (cube, cuboid):
         cloud = samples(target)
-        wanted = cloud.normals[:, axis] * sign > 0.9
-        found = carried_zone(face(cube, axis, sign), cube, target, cloud, SETTINGS)
-        assert overlap(found.patches, wanted) > 0.9 and found.lost_pct < 2
+        expected = cloud.normals[:, axis] * sign > 0.9
+        zone = carried_zone(face(cube, axis, sign), cube, target, cloud, SETTINGS)
+        assert overlap(zone.patches, expected) > 0.9 and zone.lost_pct < 2
 
 
 @pytest.mark.slow
 def test_an_engine_is_carried_to_the_engine_on_the_same_side():
     small, large = member("a320-v1").structure, member("b747-v1").structure
     cloud = samples(large)
-    found = carried_zone("engine_left", small, large, cloud, SETTINGS)
-    points = cloud.points[found.patches]
+    zone = carried_zone("engine_left", small, large, cloud, SETTINGS)
+    points = cloud.points[zone.patches]
     assert len(points) > 5 and (points[:, 1] > 5).all()  # on the left, and on none of the other side
-    assert (points[:, 2] < large.landmarks["fin"][2]).all() and 0.5 < found.probability <= 1
+    assert (points[:, 2] < large.landmarks["fin"][2]).all() and 0.5 < zone.probability <= 1
     own = samples(small)
     again = carried_zone("engine_left", small, small, own, SETTINGS)
     assert overlap(again.patches, named("engine_left", small, own)) > 0.9
@@ -105,13 +105,13 @@ def test_most_of_the_five_nearest_carried_samples_decide_within_three_spacings()
     index, points = np.arange(20), LINE.copy()
     index[8], points[10] = -1, np.nan
     target = Cloud(np.vstack([LINE, [[7, 0, 2.99], [7, 0, 3.01]]]), None, np.ones(22))
-    found = _carried(fit(ROW, target, index, points), zone)
+    actual = _carried(fit(ROW, target, index, points), zone)
     known = [at for at in range(20) if at not in (8, 10)]
     for at, place in enumerate(target.points):
         near = sorted(known, key=lambda of: np.linalg.norm(points[of] - place))
-        said = sum(zone[of] for of in near[:5]) >= 3
-        assert found[at] == (said and np.linalg.norm(points[near[0]] - place) <= 3.0), at
-    assert found[[6, 7, 20]].all() and not found[[17, 21]].any()
+        expected = sum(zone[of] for of in near[:5]) >= 3
+        assert actual[at] == (expected and np.linalg.norm(points[near[0]] - place) <= 3.0), at
+    assert actual[[6, 7, 20]].all() and not actual[[17, 21]].any()
     assert not _carried(fit(ROW, target, np.full(20, -1), points), zone).any()
     assert not _carried(fit(ROW, target, index, points), np.arange(20) == 8).any()
     few = np.where(np.arange(20) < 2, np.arange(20), -1)
@@ -119,10 +119,10 @@ def test_most_of_the_five_nearest_carried_samples_decide_within_three_spacings()
 
 
 def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
-    asked = []
+    calls = []
 
-    def evidence(source, part, registered, answers, acceptance, told, carried):
-        asked.append((part, answers, acceptance, told))
+    def evidence(source, part, registered, answers, acceptance, sure, carried):
+        calls.append((part, answers, acceptance, sure))
         return part
 
     monkeypatch.setattr(probabilities, "evidence_of_counterpart", evidence)
@@ -131,7 +131,7 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
     )
     here = fit(ROW, ROW, np.arange(20), LINE)
     assert _probability(here, np.arange(20) < 10) == 0.5
-    assert asked == [([0], [0], 0.4, True), ([1], [1], 0.4, True)]
+    assert calls == [([0], [0], 0.4, True), ([1], [1], 0.4, True)]
     assert np.isnan(_probability(fit(ROW, ROW, np.arange(20), LINE, carried=False), np.arange(20) < 10))
     many = Cloud(np.tile(LINE, (2, 1)), None, None, np.concatenate([np.zeros(19, int), [2], np.full(20, 3)]))
     assert _probability(fit(many, ROW, np.arange(40), many.points), np.arange(40) < 40) == 0.7  # 2 is a crumb
@@ -163,8 +163,8 @@ def test_what_of_a_zone_is_lost_is_told_and_patches_are_asked_by_place_and_side(
     monkeypatch.setattr(carrying, "study_pair", lambda *_: pair)
     monkeypatch.setattr(carrying, "skin_parts", lambda *_: SimpleNamespace(label="skin"))
     monkeypatch.setattr(carrying, "zone_of", lambda where, *_: np.arange(20) < 4 if where == "here" else None)
-    asked = np.array([[0.1, 0, 0], [2, 0, 0], [15, 0, 0]])
-    surface = Cloud(turned.to_declared(asked), np.tile([0.0, 0, 1], (3, 1)))
-    found = carried_zone("here", "source", "target", surface, SETTINGS)
-    assert found.lost_pct == 25.0 and np.isnan(found.probability)
-    assert found.patches.tolist() == [True, True, False]
+    places = np.array([[0.1, 0, 0], [2, 0, 0], [15, 0, 0]])
+    surface = Cloud(turned.to_declared(places), np.tile([0.0, 0, 1], (3, 1)))
+    carried = carried_zone("here", "source", "target", surface, SETTINGS)
+    assert carried.lost_pct == 25.0 and np.isnan(carried.probability)
+    assert carried.patches.tolist() == [True, True, False]

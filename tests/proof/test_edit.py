@@ -42,9 +42,9 @@ def graph():
 
 def stops(trajectory, flags):
     """The viewpoints, each place once: where the camera turns on the spot there are two poses."""
-    found = viewpoints_of(trajectory, flags)
-    gaps = [np.linalg.norm(np.subtract(a.position, b.position)) for a, b in pairwise(found)]
-    return [v for v, gap in zip(found, [*gaps, 1.0], strict=True) if gap > 1e-6]
+    viewpoints = viewpoints_of(trajectory, flags)
+    gaps = [np.linalg.norm(np.subtract(a.position, b.position)) for a, b in pairwise(viewpoints)]
+    return [v for v, gap in zip(viewpoints, [*gaps, 1.0], strict=True) if gap > 1e-6]
 
 
 def places(trajectory, flags):
@@ -56,9 +56,9 @@ def test_what_a_file_gives_back_unchanged_is_no_edit():
     assert edit_of(BEFORE, same) == Edit()
     del same[3]
     same[5] = replace(same[5], pitch_deg=-30.0)
-    found = edit_of(BEFORE, same)
-    assert found.deleted == (3,) and set(found.changed) == {5}
-    assert found.words == "viewpoint 3 left out, viewpoint 5 changed"
+    edit = edit_of(BEFORE, same)
+    assert edit.deleted == (3,) and set(edit.changed) == {5}
+    assert edit.words == "viewpoint 3 left out, viewpoint 5 changed"
 
 
 def test_only_what_was_touched_moves(graph):
@@ -66,9 +66,9 @@ def test_only_what_was_touched_moves(graph):
     away = np.array([x, y]) / np.hypot(x, y)
     moved = Viewpoint((x + away[0], y + away[1], z + 0.5), BEFORE[6].yaw_deg + 10, -20.0)
     path, flags = edited(PLAN, FLAGS, Edit((2, 9), {6: moved}), graph, LIMITS)
-    wanted = [v for n, v in enumerate(BEFORE) if n not in (2, 9)]
-    wanted[wanted.index(BEFORE[6])] = moved
-    assert np.allclose(places(path, flags), [v.position for v in wanted], atol=1e-6)
+    expected = [v for n, v in enumerate(BEFORE) if n not in (2, 9)]
+    expected[expected.index(BEFORE[6])] = moved
+    assert np.allclose(places(path, flags), [v.position for v in expected], atol=1e-6)
     turned = stops(path, flags)[5]
     assert turned.pitch_deg == pytest.approx(-20.0, abs=0.01)
     assert abs((turned.yaw_deg - moved.yaw_deg + 180) % 360 - 180) < 0.01

@@ -33,12 +33,12 @@ BESIDE_M = np.array([0.8, -0.6, 0.1])
 
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory):
-    kept = open_catalog(tmp_path_factory.mktemp("rtk") / "catalog")
-    kept.add_structures([CUBE])
-    kept.add_demonstrations([FLOWN])
+    catalog = open_catalog(tmp_path_factory.mktemp("rtk") / "catalog")
+    catalog.add_structures([CUBE])
+    catalog.add_demonstrations([FLOWN])
     surface = surface_samples(CUBE, scene_of(CUBE), CloudSettings(surface_samples=500))
-    kept.add_plans([(KEY, plan_as_demonstrated(CUBE, FLOWN, surface), {})])
-    return kept
+    catalog.add_plans([(KEY, plan_as_demonstrated(CUBE, FLOWN, surface), {})])
+    return catalog
 
 
 def judged(catalog, folder: Path, off_m=0.0, sidecar: str = "", **fixed: str):
@@ -81,11 +81,11 @@ def test_a_side_car_states_the_accuracy(catalog, tmp_path):
 
 
 def test_nothing_is_seen_between_the_photos_of_a_folder(catalog, tmp_path):
-    found = judged(catalog, tmp_path / "photos", **FIXED)
-    assert found.row["photos"] == len(found.path)
-    when = found.flown.looks.t_s[found.flown.looks.seen]
-    assert np.isin(np.round(when, 3), np.round(found.path.t_s, 3)).all()
-    assert "no photo times are known" not in found.row["findings"]
+    flight = judged(catalog, tmp_path / "photos", **FIXED)
+    assert flight.row["photos"] == len(flight.path)
+    when = flight.flown.looks.t_s[flight.flown.looks.seen]
+    assert np.isin(np.round(when, 3), np.round(flight.path.t_s, 3)).all()
+    assert "no photo times are known" not in flight.row["findings"]
 
 
 def test_a_photo_right_after_a_silence_counts():

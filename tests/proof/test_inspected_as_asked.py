@@ -72,20 +72,20 @@ def judged(plan: Trajectory, log: Trajectory, **more) -> AsFlown:
     return as_flown(plan, plan.t_s[::4], align(plan, log), log, SURFACE, CAMERA, SCENE, **more)
 
 
-def shares(said: AsFlown, truth_mm: Floats, planned_mm: Floats) -> tuple[float, float, Bools]:
+def shares(report: AsFlown, truth_mm: Floats, planned_mm: Floats) -> tuple[float, float, Bools]:
     """Of the planned surface, %: inspected as planned by its claim; truly; and wrong claims (N,)."""
-    asked = np.isfinite(planned_mm)
-    claimed, true = said.looks.inspected[asked], (truth_mm <= 1.1 * planned_mm)[asked]
-    wrong = claimed & ~(truth_mm <= 1.2 * planned_mm)[asked]  # looks lie half a beat apart
+    need = np.isfinite(planned_mm)
+    claimed, true = report.looks.inspected[need], (truth_mm <= 1.1 * planned_mm)[need]
+    wrong = claimed & ~(truth_mm <= 1.2 * planned_mm)[need]  # looks lie half a beat apart
     return 100 * claimed.mean(), 100 * true.mean(), wrong
 
 
 @pytest.mark.ci
 def test_a_flight_of_its_plan_is_inspected_as_asked(plan, flown, planned_mm):
-    said = judged(plan, flown)
-    claimed, true, wrong = shares(said, finest_mm(flown), planned_mm)
+    report = judged(plan, flown)
+    claimed, true, wrong = shares(report, finest_mm(flown), planned_mm)
     assert claimed > 90 and claimed == pytest.approx(true, abs=5) and wrong.mean() < 0.01
-    assert (said.looks.inspected <= said.looks.seen).all()
+    assert (report.looks.inspected <= report.looks.seen).all()
 
 
 def test_a_flight_farther_than_planned_does_not_claim_what_it_saw_from_afar(plan, planned_mm):
@@ -94,9 +94,9 @@ def test_a_flight_farther_than_planned_does_not_claim_what_it_saw_from_afar(plan
     off = (plan.positions - middle) * [1, 1, 0]
     wide = plan.positions + 2.8 * off / np.linalg.norm(off, axis=1, keepdims=True)
     log = at_log_rate(replace(plan, positions=wide))
-    said = judged(plan, log)
-    claimed, true, wrong = shares(said, finest_mm(log), planned_mm)
-    in_view = 100 * said.looks.seen[np.isfinite(planned_mm)].mean()
+    report = judged(plan, log)
+    claimed, true, wrong = shares(report, finest_mm(log), planned_mm)
+    in_view = 100 * report.looks.seen[np.isfinite(planned_mm)].mean()
     assert in_view > 95 and true < 70 and claimed <= true + 5 and wrong.mean() < 0.01
 
 
@@ -105,8 +105,8 @@ def test_a_stuck_camera_claims_only_what_it_truly_looked_at(plan, flown, planned
     quats = flown.quat_xyzw.copy()
     quats[stuck] = quats[stuck.argmax()]
     log = replace(flown, quat_xyzw=quats)
-    said = judged(plan, log)
-    claimed, true, wrong = shares(said, finest_mm(log), planned_mm)
+    report = judged(plan, log)
+    claimed, true, wrong = shares(report, finest_mm(log), planned_mm)
     assert claimed <= true + 3 and wrong.mean() < 0.01 and claimed < 80
 
 
@@ -133,27 +133,27 @@ def test_only_photos_inspect_where_their_times_are_known(plan, flown):
 
 def test_a_coarser_camera_asks_for_a_nearer_flight(plan, flown):
     """Half the pixels: from the same place a pixel covers twice as much."""
-    found = align(plan, flown)
+    alignment = align(plan, flown)
     coarse = replace(CAMERA, width_px=2000, height_px=1500)
-    given = plan, plan.t_s[::4], found, flown, SURFACE, coarse, SCENE
-    assert as_flown(*given, planned_with=CAMERA).looks.inspected.mean() < 0.1
+    arguments = plan, plan.t_s[::4], alignment, flown, SURFACE, coarse, SCENE
+    assert as_flown(*arguments, planned_with=CAMERA).looks.inspected.mean() < 0.1
     unknown = replace(CAMERA, width_px=0, height_px=0)
-    same = as_flown(plan, plan.t_s[::4], found, flown, SURFACE, unknown, SCENE, planned_with=CAMERA)
+    same = as_flown(plan, plan.t_s[::4], alignment, flown, SURFACE, unknown, SCENE, planned_with=CAMERA)
     assert same.looks.inspected.sum() == judged(plan, flown).looks.inspected.sum()
 
 
 def test_of_a_corrected_log_only_what_both_paths_match_is_certain(plan, flown):
     beside = replace(flown, positions=flown.positions + np.array([1.6, -1.2, 0.0]))
-    found = align(plan, beside)
-    assert found.corrected
-    said = as_flown(plan, plan.t_s[::4], found, beside, SURFACE, CAMERA, SCENE)
+    alignment = align(plan, beside)
+    assert alignment.corrected
+    report = as_flown(plan, plan.t_s[::4], alignment, beside, SURFACE, CAMERA, SCENE)
     usual = planned_looks(plan, SURFACE, CAMERA, SCENE, InspectionSettings())
-    wanted = replace(usual, rim_deg=CORRECTED_RIM_DEG)  # which no log that is right must keep
+    rule = replace(usual, rim_deg=CORRECTED_RIM_DEG)  # which no log that is right must keep
     alone = [
-        looks_of(path, SURFACE, CAMERA, SCENE, wanted=wanted).inspected for path in (found.flown, beside)
+        looks_of(path, SURFACE, CAMERA, SCENE, plan=rule).inspected for path in (alignment.flown, beside)
     ]
     assert usual.rim_deg < CORRECTED_RIM_DEG
-    assert np.array_equal(said.looks.inspected, alone[0] & alone[1]) and (alone[0] != alone[1]).any()
+    assert np.array_equal(report.looks.inspected, alone[0] & alone[1]) and (alone[0] != alone[1]).any()
 
 
 def test_the_motion_of_a_photo_is_that_around_it_and_not_across_a_silence():
@@ -180,8 +180,8 @@ def test_what_lies_at_the_rim_or_the_largest_incidence_is_not_claimed():
     normals[3:] = -np.column_stack([np.cos(aslant), np.sin(aslant), 0 * aslant])
     still = Trajectory(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0, 0, 1], (3, 1)))
     shown, surface = Views(still, np.ones((3, 5), bool)), Cloud(8 * rays, normals)
-    wanted = PlannedLooks(np.full(5, 30.0), np.ones(5, bool), CAMERA, rule)
-    claimed = wanted.matched(shown, looks_at(still, still.t_s), surface, CAMERA)
+    looks = PlannedLooks(np.full(5, 30.0), np.ones(5, bool), CAMERA, rule)
+    claimed = looks.matched(shown, looks_at(still, still.t_s), surface, CAMERA)
     assert claimed.tolist() == [True, True, False, True, False]
 
 

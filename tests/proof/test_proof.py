@@ -40,8 +40,10 @@ SURFACE = surface_samples(CUBE, SCENE, CloudSettings(surface_samples=600))
 
 
 def at(path: Trajectory, first_s: float = 0.0, last_s: float = 1e9) -> Trajectory:
-    kept = (path.t_s >= first_s) & (path.t_s <= last_s)
-    return Trajectory(path.t_s[kept] - path.t_s[kept][0], path.positions[kept], path.quat_xyzw[kept])
+    between = (path.t_s >= first_s) & (path.t_s <= last_s)
+    return Trajectory(
+        path.t_s[between] - path.t_s[between][0], path.positions[between], path.quat_xyzw[between]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -56,20 +58,20 @@ def flown(plan) -> Trajectory:
 
 
 def judged(plan: Trajectory, log: Trajectory, photo_s: Floats | None = None) -> AsFlown:
-    found = align(plan, log)
-    return as_flown(plan, plan.t_s[::4], found, log, SURFACE, CAMERA, SCENE, photo_s)
+    alignment = align(plan, log)
+    return as_flown(plan, plan.t_s[::4], alignment, log, SURFACE, CAMERA, SCENE, photo_s)
 
 
 def test_a_log_that_is_right_is_left_as_it_is(plan, flown):
-    found = align(plan, flown)
-    assert np.array_equal(found.flown.positions, flown.positions) and not found.jumps
-    assert abs(found.clock_s) < 0.15 and found.camera_yaw_deg == 0 and found.residual_p95_m < 0.5
-    said = judged(plan, flown)
-    assert said.flown_pct > 98 and said.cross_track_p95_m < 0.5 and said.frechet_m < 1.0
-    assert not [text for text in said.findings if "aborted" in text or "moved" in text]
+    alignment = align(plan, flown)
+    assert np.array_equal(alignment.flown.positions, flown.positions) and not alignment.jumps
+    assert abs(alignment.clock_s) < 0.15 and alignment.camera_yaw_deg == 0 and alignment.residual_p95_m < 0.5
+    report = judged(plan, flown)
+    assert report.flown_pct > 98 and report.cross_track_p95_m < 0.5 and report.frechet_m < 1.0
+    assert not [text for text in report.findings if "aborted" in text or "moved" in text]
     nearest = path_clearance(SCENE, flown.positions).distance_m
-    stated = found.place_error_m  # the frame of a log that is right may be off by so much, too
-    assert nearest - stated - 0.08 < said.clearance_m <= nearest - stated and stated < 0.7
+    stated = alignment.place_error_m  # the frame of a log that is right may be off by so much, too
+    assert nearest - stated - 0.08 < report.clearance_m <= nearest - stated and stated < 0.7
 
 
 @pytest.mark.ci
@@ -94,21 +96,21 @@ def test_clock_frame_and_camera_that_are_off_are_found_within_their_errors(clock
     yaw, pitch = yaw_pitch(truth.quat_xyzw)
     log = Trajectory(truth.t_s + 41 + clock, moved, from_yaw_pitch(yaw + angle + np.radians(yaw_off), pitch))
     log = Trajectory(log.t_s - log.t_s[0] + 41 + clock, log.positions, log.quat_xyzw)
-    found = align(plan, log)
-    assert found.clock_s == pytest.approx(41 + clock, abs=0.05)
-    assert np.abs(found.flown.positions - truth.positions).max() < 0.2
-    assert np.sqrt(np.mean((found.flown.positions - truth.positions) ** 2)) < 0.09
-    off = np.degrees(np.angle(np.exp(1j * (yaw_pitch(found.flown.quat_xyzw)[0] - yaw))))
+    alignment = align(plan, log)
+    assert alignment.clock_s == pytest.approx(41 + clock, abs=0.05)
+    assert np.abs(alignment.flown.positions - truth.positions).max() < 0.2
+    assert np.sqrt(np.mean((alignment.flown.positions - truth.positions) ** 2)) < 0.09
+    off = np.degrees(np.angle(np.exp(1j * (yaw_pitch(alignment.flown.quat_xyzw)[0] - yaw))))
     assert np.median(np.abs(off)) < 0.6
 
 
 def test_a_jump_that_no_vehicle_flies_is_taken_out(plan, flown):
     late = flown.t_s > flown.t_s[-1] / 2
     off = late[:, None] * np.array([0.6, -0.8, 0.0])
-    found = align(plan, Trajectory(flown.t_s, flown.positions + off, flown.quat_xyzw))
-    ((when, size),) = found.jumps
+    alignment = align(plan, Trajectory(flown.t_s, flown.positions + off, flown.quat_xyzw))
+    ((when, size),) = alignment.jumps
     assert when == pytest.approx(flown.t_s[-1] / 2, abs=0.2) and size == pytest.approx(1.0, abs=0.15)
-    assert np.sqrt(np.mean((found.flown.positions - flown.positions) ** 2)) < 0.1
+    assert np.sqrt(np.mean((alignment.flown.positions - flown.positions) ** 2)) < 0.1
 
 
 def test_what_was_not_flown_was_not_seen(plan, flown):
@@ -121,44 +123,44 @@ def test_what_was_not_flown_was_not_seen(plan, flown):
 
 
 def test_a_log_that_begins_late_is_laid_on_the_end_of_its_plan(plan, flown):
-    said = judged(plan, at(flown, 0.5 * flown.t_s[-1]))
-    assert 35 < said.flown_pct < 60 and any(text.startswith("started late") for text in said.findings)
+    report = judged(plan, at(flown, 0.5 * flown.t_s[-1]))
+    assert 35 < report.flown_pct < 60 and any(text.startswith("started late") for text in report.findings)
 
 
 def test_a_silent_stretch_shows_nothing_and_is_told(plan, flown):
     silent = (flown.t_s > 40) & (flown.t_s < 80)
     log = Trajectory(flown.t_s[~silent], flown.positions[~silent], flown.quat_xyzw[~silent])
-    said = judged(plan, log)
-    assert any("silent for 40 s" in text for text in said.findings)
+    report = judged(plan, log)
+    assert any("silent for 40 s" in text for text in report.findings)
     both = looks_of(at(flown, 0, 40), SURFACE, CAMERA, SCENE).seen
     both |= looks_of(at(flown, 80), SURFACE, CAMERA, SCENE).seen
-    assert (said.looks.seen == both).mean() > 0.99
+    assert (report.looks.seen == both).mean() > 0.99
 
 
 def test_a_log_of_one_pose_a_second_is_not_taken_for_silent(plan, flown):
     rng = np.random.default_rng(0)
     slow = interpolate(flown, np.cumsum(rng.uniform(0.8, 1.3, int(flown.t_s[-1] / 1.1))))
-    said = judged(plan, slow)
-    assert said.flown_pct > 95 and not any("silent" in text for text in said.findings)
-    seen, known = said.looks.seen.sum(), judged(plan, flown).looks.seen.sum()
+    report = judged(plan, slow)
+    assert report.flown_pct > 95 and not any("silent" in text for text in report.findings)
+    seen, known = report.looks.seen.sum(), judged(plan, flown).looks.seen.sum()
     assert seen > 0.97 * known
 
 
 def test_a_flight_that_waits_is_matched_by_its_places(plan, flown):
     later = np.where(flown.t_s > 50, flown.t_s + 90, flown.t_s)
     pause = np.arange(50.1, 140, 0.1)
-    held = interpolate(flown, np.full(len(pause), 50.0))
+    hover = interpolate(flown, np.full(len(pause), 50.0))
     t = np.concatenate([flown.t_s[flown.t_s <= 50], pause, later[flown.t_s > 50]])
     order = np.argsort(t, kind="stable")
     positions = np.concatenate(
-        [flown.positions[flown.t_s <= 50], held.positions, flown.positions[flown.t_s > 50]]
+        [flown.positions[flown.t_s <= 50], hover.positions, flown.positions[flown.t_s > 50]]
     )
     quats = np.concatenate(
-        [flown.quat_xyzw[flown.t_s <= 50], held.quat_xyzw, flown.quat_xyzw[flown.t_s > 50]]
+        [flown.quat_xyzw[flown.t_s <= 50], hover.quat_xyzw, flown.quat_xyzw[flown.t_s > 50]]
     )
-    found = align(plan, Trajectory(t[order], positions[order], quats[order]))
-    assert np.isnan(found.clock_s) and found.on_plan.mean() > 0.9
-    assert np.nanmin(found.planned_s) < 3 and np.nanmax(found.planned_s) > plan.t_s[-1] - 3
+    alignment = align(plan, Trajectory(t[order], positions[order], quats[order]))
+    assert np.isnan(alignment.clock_s) and alignment.on_plan.mean() > 0.9
+    assert np.nanmin(alignment.planned_s) < 3 and np.nanmax(alignment.planned_s) > plan.t_s[-1] - 3
 
 
 def straying(path: Trajectory, seed: int = 0) -> Trajectory:
@@ -199,20 +201,20 @@ def silent(plan: Trajectory) -> Trajectory:
 )
 def test_a_true_log_is_not_moved_whatever_its_pace_and_order(plan, fly_so):
     log = fly_so(plan)
-    found = align(plan, log)
-    assert not found.corrected and np.array_equal(found.flown.positions, log.positions)
-    assert found.on_plan.mean() > 0.98 and found.residual_p95_m < 0.25
-    there = interpolate(plan, np.sort(found.planned_s[found.on_plan]))
+    alignment = align(plan, log)
+    assert not alignment.corrected and np.array_equal(alignment.flown.positions, log.positions)
+    assert alignment.on_plan.mean() > 0.98 and alignment.residual_p95_m < 0.25
+    there = interpolate(plan, np.sort(alignment.planned_s[alignment.on_plan]))
     assert np.ptp(there.t_s) > plan.t_s[-1] - 3
-    assert (found.backwards > 0.9) == (fly_so is reversed_)
+    assert (alignment.backwards > 0.9) == (fly_so is reversed_)
 
 
 def test_a_larger_stand_off_all_round_is_no_error_of_the_frame(plan):
     middle = plan.positions.mean(axis=0)
     off = (plan.positions - middle) * [1, 1, 0]
     farther = plan.positions + 2.5 * off / np.linalg.norm(off, axis=1, keepdims=True)
-    found = align(plan, straying(replace(plan, positions=farther)))
-    assert not found.corrected and found.on_plan.mean() > 0.95
+    alignment = align(plan, straying(replace(plan, positions=farther)))
+    assert not alignment.corrected and alignment.on_plan.mean() > 0.95
 
 
 def test_half_a_flight_is_never_moved_as_a_jump_of_its_log(plan, flown):
@@ -230,22 +232,22 @@ def test_the_way_through_a_silence_does_not_count_for_clearance(plan):
     angle = np.unwrap(np.arctan2(*(log.positions - log.positions.mean(axis=0))[:, [1, 0]].T))
     away = np.flatnonzero(np.abs(angle - angle[0]) < np.radians(130))
     cut = log.take(np.setdiff1d(np.arange(len(log)), away[20:]))
-    said = judged(plan, cut)
+    report = judged(plan, cut)
     stated = align(plan, cut).place_error_m  # comes off besides
-    assert path_clearance(SCENE, cut.positions).distance_m < said.clearance_m + stated - 0.5
+    assert path_clearance(SCENE, cut.positions).distance_m < report.clearance_m + stated - 0.5
     pieces = np.split(cut.positions, np.flatnonzero(np.diff(cut.t_s) > 1) + 1)
     least = min(path_clearance(SCENE, piece).distance_m for piece in pieces)
-    assert least - 0.15 < said.clearance_m + stated <= least
-    assert said.silent_s == pytest.approx(np.diff(cut.t_s).max())
-    assert any("clearance are unknown for that time" in text for text in said.findings)
+    assert least - 0.15 < report.clearance_m + stated <= least
+    assert report.silent_s == pytest.approx(np.diff(cut.t_s).max())
+    assert any("clearance are unknown for that time" in text for text in report.findings)
 
 
 def test_a_camera_that_stands_still_is_told(plan, flown):
     quats = flown.quat_xyzw.copy()
     stuck = (flown.t_s >= 30) & (flown.t_s < 50)
     quats[stuck] = quats[stuck.argmax()]
-    said = judged(plan, Trajectory(flown.t_s, flown.positions, quats))
-    assert any(text.startswith("the camera stood for") for text in said.findings)
+    report = judged(plan, Trajectory(flown.t_s, flown.positions, quats))
+    assert any(text.startswith("the camera stood for") for text in report.findings)
     assert not any("camera stood" in text for text in judged(plan, flown).findings)
 
 
@@ -297,16 +299,16 @@ def round_a_tower(lag_s: float = 0.0, off_deg: float = 0.0) -> tuple[Trajectory,
         return 0.15 * at + 0.3 * np.sin(2 * np.pi * at / 17.0)
 
     place = np.column_stack([-5 * np.cos(yaw(t)), -5 * np.sin(yaw(t)), 2 + t / 30])
-    wanted = from_yaw_pitch(yaw(t), np.zeros(len(t)))
+    straight = from_yaw_pitch(yaw(t), np.zeros(len(t)))
     late = from_yaw_pitch(yaw(t - lag_s) + np.radians(off_deg), np.zeros(len(t)))
-    return Trajectory(t, place, wanted), Trajectory(t, place, late)
+    return Trajectory(t, place, straight), Trajectory(t, place, late)
 
 
 @pytest.mark.parametrize("off_deg", [0.0, 2.0, -1.5])
 @pytest.mark.parametrize("lag_s", [0.0, 0.1, 0.25])
 def test_a_camera_that_is_late_is_not_taken_for_one_that_is_off(lag_s, off_deg):
-    (found, error), (pitch, _) = camera_offset(*round_a_tower(lag_s, off_deg))
-    assert np.degrees(found) == pytest.approx(-off_deg, abs=0.1)
+    (yaw_off, error), (pitch, _) = camera_offset(*round_a_tower(lag_s, off_deg))
+    assert np.degrees(yaw_off) == pytest.approx(-off_deg, abs=0.1)
     assert pitch == pytest.approx(0, abs=1e-6) and np.degrees(error) < 0.5
 
 
@@ -317,8 +319,8 @@ def test_a_vehicle_that_is_late_round_a_tower_is_not_taken_for_a_turned_frame():
     plan = Trajectory(t, place, from_yaw_pitch(yaw, 0 * t))
     across = interpolate(plan, np.clip(t - 0.15, 0, None)).positions[:, :2]  # late, and not upwards
     late = np.column_stack([across, place[:, 2]])
-    found = align(plan, Trajectory(t, late, plan.quat_xyzw))
-    assert found.heading_deg == 0 and np.allclose(found.flown.positions, late)
+    alignment = align(plan, Trajectory(t, late, plan.quat_xyzw))
+    assert alignment.heading_deg == 0 and np.allclose(alignment.flown.positions, late)
 
 
 def test_a_camera_that_turns_evenly_does_not_tell_which_it_is():
@@ -353,23 +355,23 @@ def test_the_flight_that_closes_a_gap_shows_it_safely_and_is_short(plan, flown, 
     missing = shown & ~looks_of(at(flown, 0, end * flown.t_s[-1]), SURFACE, CAMERA, SCENE).seen
     assert missing.any()
     limits = settings_for("recommended").retime
-    found = gap_flight(plan, SURFACE, missing, CAMERA, graph, limits)
-    again = looks_of(found.trajectory, SURFACE, CAMERA, SCENE)
-    assert again.seen[missing & ~found.unattainable].mean() >= 0.995
+    closing = gap_flight(plan, SURFACE, missing, CAMERA, graph, limits)
+    again = looks_of(closing.trajectory, SURFACE, CAMERA, SCENE)
+    assert again.seen[missing & ~closing.unattainable].mean() >= 0.995
     # as near and as frontally as the plan, by the looks of both
-    wanted, part = looks_of(plan, SURFACE, CAMERA, SCENE), missing & found.shows
+    look, part = looks_of(plan, SURFACE, CAMERA, SCENE), missing & closing.shows
     assert part.sum() > 0.97 * missing.sum()
-    assert (again.distance_m[part] <= 1.1 * wanted.distance_m[part] + 0.2).mean() > 0.98
-    assert (again.frontal[0][1][part] <= wanted.frontal[0][1][part] + 7).mean() > 0.98
+    assert (again.distance_m[part] <= 1.1 * look.distance_m[part] + 0.2).mean() > 0.98
+    assert (again.frontal[0][1][part] <= look.frontal[0][1][part] + 7).mean() > 0.98
     # and so that photos at its viewpoints inspect it as asked
-    shots = looks_at(found.trajectory, found.trajectory.t_s[found.is_viewpoint])
-    asked = planned_looks(plan, SURFACE, CAMERA, SCENE, InspectionSettings())
-    as_asked = asked.matched(views_from(shots.poses, SURFACE, CAMERA, SCENE), shots, SURFACE, CAMERA)
+    shots = looks_at(closing.trajectory, closing.trajectory.t_s[closing.is_viewpoint])
+    looks = planned_looks(plan, SURFACE, CAMERA, SCENE, InspectionSettings())
+    as_asked = looks.matched(views_from(shots.poses, SURFACE, CAMERA, SCENE), shots, SURFACE, CAMERA)
     assert as_asked[part].mean() > 0.97
-    assert (found.shows <= missing).all() and not (found.shows & found.unattainable).any()
-    assert path_clearance(SCENE, found.trajectory.positions).distance_m >= 1.49
-    assert found.bound_m <= found.length_m < np.linalg.norm(np.diff(plan.positions, axis=0), axis=1).sum()
-    assert found.is_viewpoint.any() and (np.diff(found.trajectory.t_s) > 0).all()
+    assert (closing.shows <= missing).all() and not (closing.shows & closing.unattainable).any()
+    assert path_clearance(SCENE, closing.trajectory.positions).distance_m >= 1.49
+    assert closing.bound_m <= closing.length_m < np.linalg.norm(np.diff(plan.positions, axis=0), axis=1).sum()
+    assert closing.is_viewpoint.any() and (np.diff(closing.trajectory.t_s) > 0).all()
 
 
 @pytest.mark.ci
@@ -378,13 +380,13 @@ def test_a_gap_is_flown_slowly_enough_for_sharp_pictures(plan, graph):
     rule, limits = replace(InspectionSettings(), exposure_s=1 / 50), settings_for("recommended").retime
     missing = looks_of(plan, SURFACE, CAMERA, SCENE).seen & (SURFACE.points[:, 2] > 4)
     sharp = []
-    for asked in (rule, InspectionSettings()):
-        found = gap_flight(plan, SURFACE, missing, CAMERA, graph, limits, rule=asked)
-        shots = looks_at(found.trajectory, found.trajectory.t_s[found.is_viewpoint])
+    for demand in (rule, InspectionSettings()):
+        closing = gap_flight(plan, SURFACE, missing, CAMERA, graph, limits, rule=demand)
+        shots = looks_at(closing.trajectory, closing.trajectory.t_s[closing.is_viewpoint])
         shown = views_from(shots.poses, SURFACE, CAMERA, SCENE)
         motion = rule.sharp_radps(CAMERA.hfov_deg), np.cos(np.radians(75))
         seen = sharp_looks(shots, shown, SURFACE, CAMERA, *motion).number > 0
-        sharp.append(seen[missing & found.shows].mean())
+        sharp.append(seen[missing & closing.shows].mean())
     assert sharp[0] > 0.99 > 0.9 > sharp[1]
 
 
@@ -443,9 +445,9 @@ def test_a_camera_that_looked_aside_all_the_time_is_not_turned_back_to_its_plan(
     """Corrected to its plan it would have seen everything."""
     yaw, pitch = yaw_pitch(flown.quat_xyzw)
     aside = replace(flown, quat_xyzw=from_yaw_pitch(yaw + np.radians(60.0), pitch))
-    found = align(plan, aside)
-    same = np.abs((found.flown.quat_xyzw * aside.quat_xyzw).sum(axis=1))
-    assert found.camera_yaw_deg == 0 and same.min() > 1 - 1e-9
+    alignment = align(plan, aside)
+    same = np.abs((alignment.flown.quat_xyzw * aside.quat_xyzw).sum(axis=1))
+    assert alignment.camera_yaw_deg == 0 and same.min() > 1 - 1e-9
     assert any("looked" in text and "aside of its plan" in text for text in judged(plan, aside).findings)
     right, wrong = (judged(plan, log).looks.seen.mean() for log in (flown, aside))
     assert wrong < 0.7 * right

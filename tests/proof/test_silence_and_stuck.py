@@ -29,8 +29,8 @@ def plan() -> Trajectory:
 
 
 def silent(flown: Trajectory, first_s: float, last_s: float) -> Trajectory:
-    kept = (flown.t_s < first_s) | (flown.t_s > last_s)
-    return flown.take(np.flatnonzero(kept))
+    rest = (flown.t_s < first_s) | (flown.t_s > last_s)
+    return flown.take(np.flatnonzero(rest))
 
 
 def test_photos_that_were_taken_while_the_log_was_silent_do_not_count(plan):
@@ -50,12 +50,12 @@ def orbit(seconds: float = 60.0) -> Trajectory:
     return Trajectory(t_s, positions, look_at(positions, np.tile([0.0, 0.0, 4.0], (len(t_s), 1))))
 
 
-@pytest.mark.parametrize(("seconds", "told"), [(3.0, False), (7.0, True), (10.0, True)])
-def test_a_camera_that_stood_for_seconds_while_its_plan_turned_is_told(seconds, told):
+@pytest.mark.parametrize(("seconds", "expected"), [(3.0, False), (7.0, True), (10.0, True)])
+def test_a_camera_that_stood_for_seconds_while_its_plan_turned_is_told(seconds, expected):
     path = orbit()
     stuck = (path.t_s >= 20.0) & (path.t_s < 20.0 + seconds)
     quats = path.quat_xyzw.copy()
     quats[stuck] = quats[stuck.argmax()]
     log = Trajectory(path.t_s, path.positions, quats)
-    found = as_flown(path, path.t_s[::50], align(path, log), log, SURFACE, CAMERA, SCENE)
-    assert any(text.startswith("the camera stood for") for text in found.findings) == told
+    report = as_flown(path, path.t_s[::50], align(path, log), log, SURFACE, CAMERA, SCENE)
+    assert any(text.startswith("the camera stood for") for text in report.findings) == expected

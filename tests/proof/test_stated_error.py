@@ -44,10 +44,10 @@ def plan(request) -> Trajectory:
 )
 def test_a_log_whose_frame_is_off_is_within_the_stated_error(plan, manner):
     flight = flown(plan, manner, 1)
-    found = align(plan, flight.log)
-    assert off_m(found.flown.positions, flight) <= found.place_error_m
-    moved = np.linalg.norm(found.flown.positions - flight.log.positions, axis=1).max()
-    assert moved <= found.place_error_m
+    alignment = align(plan, flight.log)
+    assert off_m(alignment.flown.positions, flight) <= alignment.place_error_m
+    moved = np.linalg.norm(alignment.flown.positions - flight.log.positions, axis=1).max()
+    assert moved <= alignment.place_error_m
 
 
 def test_a_frame_that_is_off_is_told_by_half_a_minute_of_flight():
@@ -60,8 +60,8 @@ def test_a_frame_that_is_off_is_told_by_half_a_minute_of_flight():
 def test_a_turn_about_a_tower_is_not_told_by_its_path_and_so_stated():
     tower = PLANS["turbine-1-tower-v1"]
     flight = flown(tower, Manner(off_deg=3.0), 1)
-    found = align(tower, flight.log)
-    assert found.heading_deg == 0 and 0.4 < off_m(flight.log.positions, flight) < found.place_error_m
+    alignment = align(tower, flight.log)
+    assert alignment.heading_deg == 0 and 0.4 < off_m(flight.log.positions, flight) < alignment.place_error_m
 
 
 def test_what_a_log_states_of_its_accuracy_bounds_the_error():
@@ -74,10 +74,10 @@ def test_what_a_log_states_of_its_accuracy_bounds_the_error():
 def test_a_vehicle_that_flew_5_m_beside_its_plan_and_knows_it_is_on_its_plan_and_left_there():
     plan = PLANS["cube-sides-v1"]
     flight = flown(plan, Manner(beside_m=(4.0, 2.8, 0.0)), 3)
-    found = align(plan, flight.log, accuracy_m=0.05)
-    assert found.on_plan.mean() > 0.95 and np.array_equal(found.flown.positions, flight.log.positions)
-    assert found.beside_m == pytest.approx(np.hypot(4.0, 2.8), abs=0.3)
-    assert found.place_error_m == pytest.approx(0.1) and not found.corrected
+    alignment = align(plan, flight.log, accuracy_m=0.05)
+    assert alignment.on_plan.mean() > 0.95 and np.array_equal(alignment.flown.positions, flight.log.positions)
+    assert alignment.beside_m == pytest.approx(np.hypot(4.0, 2.8), abs=0.3)
+    assert alignment.place_error_m == pytest.approx(0.1) and not alignment.corrected
 
 
 def test_the_clearance_of_a_corrected_log_is_not_more_than_the_true_one():
@@ -87,10 +87,10 @@ def test_the_clearance_of_a_corrected_log_is_not_more_than_the_true_one():
     surface = surface_samples(structure, scene, CloudSettings(surface_samples=50))
     for seed in range(3):
         flight = flown(plan, Manner(off_m=(0.4, 0.3, 0.0), off_deg=1.0), seed)
-        found = align(plan, flight.log)
-        said = as_flown(plan, np.empty(0), found, flight.log, surface, camera, scene)
+        alignment = align(plan, flight.log)
+        report = as_flown(plan, np.empty(0), alignment, flight.log, surface, camera, scene)
         truth_m = path_clearance(scene, flight.truth.positions).distance_m
-        assert found.corrected and truth_m - 1.5 < said.clearance_m <= truth_m
+        assert alignment.corrected and truth_m - 1.5 < report.clearance_m <= truth_m
 
 
 def test_the_clearance_of_a_log_that_is_not_corrected_allows_for_its_stated_error():
@@ -103,7 +103,9 @@ def test_the_clearance_of_a_log_that_is_not_corrected_allows_for_its_stated_erro
         path_clearance(scene, path.positions).distance_m for path in (flight.truth, flight.log)
     )
     for accuracy_m in (None, 0.2):
-        found = align(plan, flight.log, accuracy_m)
-        said = as_flown(plan, np.empty(0), found, flight.log, surface, camera, scene)
-        assert not found.corrected and said.clearance_m <= min(truth_m, logged_m - found.place_error_m)
-        assert said.clearance_m > truth_m - 1.0
+        alignment = align(plan, flight.log, accuracy_m)
+        report = as_flown(plan, np.empty(0), alignment, flight.log, surface, camera, scene)
+        assert not alignment.corrected and report.clearance_m <= min(
+            truth_m, logged_m - alignment.place_error_m
+        )
+        assert report.clearance_m > truth_m - 1.0

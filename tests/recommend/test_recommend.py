@@ -101,9 +101,9 @@ def test_ten_thousand_structures_are_compared_in_as_many_calls_as_ten(clouds):
     few = library_of(features)
     rows = np.arange(10_000) % len(few)
     many = ShapeLibrary(few.extent_m[rows], few.occupied[rows], few.near[rows], few.facing[rows])
-    found = unlikeness(features[0], many)
+    distances = unlikeness(features[0], many)
     assert calls(lambda: unlikeness(features[0], many)) == calls(lambda: unlikeness(features[0], few))
-    np.testing.assert_array_equal(np.flatnonzero(found == 0), np.flatnonzero(rows == 0))
+    np.testing.assert_array_equal(np.flatnonzero(distances == 0), np.flatnonzero(rows == 0))
 
 
 @pytest.fixture(scope="module")
@@ -121,9 +121,9 @@ def test_on_itself_all_that_was_inspected_is_foreseen(look):
     cloud, laid, agreed, seen, camera = look
     assert 0.05 < seen.share < 1
     np.testing.assert_array_equal(agreed.counterpart, np.arange(len(cloud)))
-    found = foresee(cloud, cloud, laid, agreed, seen, camera)
-    assert found.coverage_seen_pct > 98
-    assert found.without_pct == 0
+    forecast = foresee(cloud, cloud, laid, agreed, seen, camera)
+    assert forecast.coverage_seen_pct > 98
+    assert forecast.without_pct == 0
     blind = foresee(cloud, cloud, laid, agreed, seen, replace(camera, max_range_m=2.5))
     assert blind.coverage_seen_pct < 5
 
@@ -143,25 +143,25 @@ def test_what_lies_farther_off_on_a_larger_copy_is_foreseen_as_lost(look, clouds
 def test_discs_hide_what_the_mesh_hides(clouds):
     """Sight lines between samples against the ray caster, from places all round an airliner."""
     cloud, scene = clouds["a320-v1"], scene_of(member("a320-v1").structure)
-    rng, wanted = np.random.default_rng(0), np.arange(0, len(cloud), 4)
+    rng, index = np.random.default_rng(0), np.arange(0, len(cloud), 4)
     alike = []
     for direction in rng.normal(size=(8, 3)):
         place = cloud.points.mean(axis=0) + 45 * direction / np.linalg.norm(direction)
-        found = in_sight(cloud, wanted, place[None], Camera(max_range_m=200.0))
-        ray = place - cloud.points[wanted]
-        cosine = np.einsum("ij,ij->i", ray, cloud.normals[wanted]) / np.linalg.norm(ray, axis=1)
-        free = ~scene.occluded(np.repeat(place[None], len(wanted), axis=0), cloud.points[wanted])
-        alike.append(found == (free & (cosine >= np.cos(np.radians(TRULY.max_incidence_deg)))))
+        sight = in_sight(cloud, index, place[None], Camera(max_range_m=200.0))
+        ray = place - cloud.points[index]
+        cosine = np.einsum("ij,ij->i", ray, cloud.normals[index]) / np.linalg.norm(ray, axis=1)
+        free = ~scene.occluded(np.repeat(place[None], len(index), axis=0), cloud.points[index])
+        alike.append(sight == (free & (cosine >= np.cos(np.radians(TRULY.max_incidence_deg)))))
     assert np.mean(alike) > 0.93
 
 
 def test_more_places_show_no_less(clouds):
     cloud, rng = clouds["turbine-1-v1"], np.random.default_rng(1)
     places = cloud.points.mean(axis=0) + 60 * rng.normal(size=(12, 3))
-    wanted = np.arange(0, len(cloud), 8)
-    few, many = (in_sight(cloud, wanted, places[:count], Camera(max_range_m=300.0)) for count in (4, 12))
+    index = np.arange(0, len(cloud), 8)
+    few, many = (in_sight(cloud, index, places[:count], Camera(max_range_m=300.0)) for count in (4, 12))
     assert (many >= few).all()
-    each = [in_sight(cloud, wanted, place[None], Camera(max_range_m=300.0)) for place in places]
+    each = [in_sight(cloud, index, place[None], Camera(max_range_m=300.0)) for place in places]
     np.testing.assert_array_equal(many, np.any(each, axis=0))
 
 
@@ -171,12 +171,12 @@ def test_more_places_show_no_less(clouds):
     slow_after(1, [("b777-v1", "a320-v1"), ("turbine-2-v1", "turbine-1-v1"), ("cuboid-v1", "cube-v1")]),
 )
 def test_the_shape_decides_whatever_kind_is_declared(location, structure, expected):
-    found = recommend(open_catalog(location), structure)
-    assert found[0].source_id == expected
-    assert found[0].verdict == "fits"
-    assert found[0].rank == 1
-    assert "parts match" in found[0].why
-    assert found[0].unlikeness == min(one.unlikeness for one in found)
+    ranking = recommend(open_catalog(location), structure)
+    assert ranking[0].source_id == expected
+    assert ranking[0].verdict == "fits"
+    assert ranking[0].rank == 1
+    assert "parts match" in ranking[0].why
+    assert ranking[0].unlikeness == min(one.unlikeness for one in ranking)
 
 
 @pytest.mark.ci
@@ -194,8 +194,8 @@ def test_declared_kinds_are_evidence_but_not_all(tmp_path):
     assert [one.source_id for one in fits] == ["a320-v1", "cube-v1"]
     assert "another kind, boat" in fits[0].why
     for name, source in (("turbine-2-v1", "a320-v1"), ("bridge-1-v1", "cube-v1")):
-        found = recommend(catalog, name)
-        assert (found[0].source_id, found[0].verdict) == (source, "refused")
+        ranking = recommend(catalog, name)
+        assert (ranking[0].source_id, ranking[0].verdict) == (source, "refused")
     by_shape = recommend(catalog, "b777-v1", by_kind=False)
     assert by_shape[0].source_id == "a320-v1"
     assert "another kind" not in by_shape[0].why
@@ -237,22 +237,22 @@ def test_what_was_taken_in_is_asked_about_without_its_mesh_or_log(tmp_path, monk
     catalog.add_demonstrations([learnt_flight({}, place, {}, {}, None, tmp_path / "flight.mcap")])
     gather(catalog)
     for name in ("structure", "demonstration"):
-        monkeypatch.setattr(Catalog, name, lambda *given: pytest.fail("read again"))
+        monkeypatch.setattr(Catalog, name, lambda *arguments: pytest.fail("read again"))
     monkeypatch.setattr(Shapes, "features", _only_of("large", Shapes.features))
     assert recommend(catalog, "large")[0].verdict == "fits"
 
 
 def _only_of(structure_id, features):
-    def asked(shapes, name, sha256):
+    def counter(shapes, name, sha256):
         assert name == structure_id  # the others lie together in one file
         return features(shapes, name, sha256)
 
-    return asked
+    return counter
 
 
 def test_flight_over_the_structure_itself_comes_first(location):
-    found = recommend(open_catalog(location), "a320-v1")
-    assert (found[0].verdict, found[0].source_id) == ("own", "a320-v1")
+    ranking = recommend(open_catalog(location), "a320-v1")
+    assert (ranking[0].verdict, ranking[0].source_id) == ("own", "a320-v1")
 
 
 def test_unknown_ids_and_empty_catalogs_are_told(tmp_path, location, capsys):

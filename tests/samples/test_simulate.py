@@ -29,8 +29,8 @@ def hover(seconds: float = 120.0, height: float = 15.0) -> Trajectory:
     return Trajectory(t, np.tile([1.0, 2.0, height], (2, 1)), from_yaw_pitch(np.zeros(2), np.zeros(2)))
 
 
-def strayed(flown: Trajectory, wanted: Trajectory) -> np.ndarray:
-    return np.linalg.norm(flown.positions - interpolate(wanted, flown.t_s).positions, axis=1)
+def strayed(flown: Trajectory, plan: Trajectory) -> np.ndarray:
+    return np.linalg.norm(flown.positions - interpolate(plan, flown.t_s).positions, axis=1)
 
 
 def test_in_calm_air_a_flawless_vehicle_flies_the_plan() -> None:

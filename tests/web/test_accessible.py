@@ -38,8 +38,8 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory) -> Iterator[Server]:
-    with Server(catalog_with_plan(tmp_path_factory.mktemp("web"))).running() as made:
-        yield made
+    with Server(catalog_with_plan(tmp_path_factory.mktemp("web"))).running() as service:
+        yield service
 
 
 @pytest.fixture(scope="module")

@@ -27,8 +27,8 @@ def catalog(tmp_path_factory) -> Catalog:
 
 @pytest.fixture(scope="module")
 def server(catalog) -> Iterator[Server]:
-    with Server(catalog, login=Login(PASSWORD)).running() as made:
-        yield made
+    with Server(catalog, login=Login(PASSWORD)).running() as service:
+        yield service
 
 
 def reply(server: Server, path: str, method: str = "GET", body: Any = None, **headers: str | None) -> Any:
@@ -36,12 +36,12 @@ def reply(server: Server, path: str, method: str = "GET", body: Any = None, **he
     sent = {"Host": f"127.0.0.1:{server.port}", "Authorization": f"Bearer {server.login.token}"}
     if method == "POST":
         sent["Content-Type"] = "application/json"
-    given = {name.replace("_", "-"): value for name, value in headers.items()}
+    own = {name.replace("_", "-"): value for name, value in headers.items()}
     line = http.client.HTTPConnection("127.0.0.1", server.port, timeout=120)
     line.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
     content = json.dumps(body).encode() if isinstance(body, dict) else body
     length = {} if content is None else {"Content-Length": str(len(content))}
-    for name, value in {**sent, **length, **given}.items():
+    for name, value in {**sent, **length, **own}.items():
         if value is not None:
             line.putheader(name, value.encode("latin-1"))
     line.endheaders(content)
@@ -133,11 +133,11 @@ def test_a_cookie_reads_and_changes_nothing_and_a_wrong_password_gives_none(serv
     assert status == 200 and json.loads(content) == {"token": server.login.token}
     cookie = headers["set-cookie"]
     assert "HttpOnly" in cookie and "SameSite=strict" in cookie and server.login.token not in cookie
-    held = cookie.split(";")[0]
-    assert reply(server, "/", Authorization=None, Cookie=held)[0] == 200
+    value = cookie.split(";")[0]
+    assert reply(server, "/", Authorization=None, Cookie=value)[0] == 200
     for path in POSTS[:3]:
-        assert reply(server, path, "POST", {}, Authorization=None, Cookie=held)[0] == 401
-    assert reply(server, "/", Authorization=None, Cookie=held[:-1] + "x")[0] == 401
+        assert reply(server, path, "POST", {}, Authorization=None, Cookie=value)[0] == 401
+    assert reply(server, "/", Authorization=None, Cookie=value[:-1] + "x")[0] == 401
 
 
 def test_requests_that_are_none_are_refused_and_stop_nobody(server):

@@ -32,29 +32,29 @@ def catalog(tmp_path) -> Catalog:
 @pytest.fixture
 def session(catalog) -> Session:
     # The plan of these tests shows a part of the demonstration: whether it shows enough is not their subject.
-    made = Session(catalog, KEY[:20])
-    settings = made.editing.recipe.settings
+    session = Session(catalog, KEY[:20])
+    settings = session.editing.recipe.settings
     verdict = replace(settings.verdict, least_inspected_pct=0.0)
-    made.editing.recipe = replace(made.editing.recipe, settings=replace(settings, verdict=verdict))
-    return made
+    session.editing.recipe = replace(session.editing.recipe, settings=replace(settings, verdict=verdict))
+    return session
 
 
 @pytest.fixture
 def server(catalog, monkeypatch) -> Iterator[Server]:
     opened = Session.__init__
 
-    def lenient(self: Session, *given: Any) -> None:
-        opened(self, *given)
+    def lenient(self: Session, *arguments: Any) -> None:
+        opened(self, *arguments)
         settings = self.editing.recipe.settings
         verdict = replace(settings.verdict, least_inspected_pct=0.0)
         self.editing.recipe = replace(self.editing.recipe, settings=replace(settings, verdict=verdict))
 
     monkeypatch.setattr(Session, "__init__", lenient)
-    with Server(catalog).running() as made:
-        yield made
+    with Server(catalog).running() as service:
+        yield service
 
 
-def wanted(plan: dict[str, Any], **other: Any) -> dict[str, Any]:
+def question(plan: dict[str, Any], **other: Any) -> dict[str, Any]:
     return {"base": 0, "viewpoints": plan["viewpoints"], "keep_out": [], "clearance_m": 2.0, **other}
 
 
@@ -71,13 +71,13 @@ def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(sessi
     views = [dict(each) for each in plan["viewpoints"]]
     for _ in range(5):
         views[4]["z_m"] += 0.2
-        answer = session.answer("judge", wanted(plan, viewpoints=views[:9] + views[10:]))
+        answer = session.answer("judge", question(plan, viewpoints=views[:9] + views[10:]))
         assert "viewpoint 9 left out" in answer["words"] and answer["path"]["xyz"] != plan["path"]["xyz"]
-    again = session.editing.judged(*session._read(wanted(plan, viewpoints=views[:9] + views[10:])))
+    again = session.editing.judged(*session._read(question(plan, viewpoints=views[:9] + views[10:])))
     assert answer["measures"]["min_clearance_m"] == again.plan.measures.min_clearance_m
     inside = json.loads(json.dumps(views))
     inside[4] |= {"x_m": 0.0, "y_m": 0.0, "z_m": 1.0}
-    refused = session.answer("judge", wanted(plan, viewpoints=inside))["refused"]
+    refused = session.answer("judge", question(plan, viewpoints=inside))["refused"]
     assert "viewpoint 4" in refused and "2 m are required" in refused
 
 
@@ -85,7 +85,7 @@ def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(sessi
 def test_the_headline_tells_the_clearance_that_the_change_asks_for(session):
     plan = session.answer("plan", {})
     for asked_m, words in ((3.0, "(limit 3 m)"), (2.5, "(limit 2.5 m)"), (1.0, "(limit 2 m)")):
-        answer = session.answer("judge", wanted(plan, clearance_m=asked_m))
+        answer = session.answer("judge", question(plan, clearance_m=asked_m))
         assert words in answer["verdict"]["headline"]  # never less than the plan's own
         assert "mm/px" in answer["verdict"]["headline"] and "demonstrated" in answer["verdict"]["headline"]
         scaled = session.editing.recipe.row["standoff_mode"] == "scaled"
@@ -99,7 +99,7 @@ def test_the_rest_is_planned_anew_round_what_is_fixed(session, catalog):
     views[4]["z_m"] += 0.5
     middle = np.array([[views[8][name] for name in ("x_m", "y_m", "z_m")]])
     box = np.concatenate([middle - 0.6, middle + 0.6]).tolist()
-    request = wanted(plan, viewpoints=views, keep_out=[box], fixed=[2])
+    request = question(plan, viewpoints=views, keep_out=[box], fixed=[2])
     refused = session.answer("judge", request)
     assert "in a keep-out box" in refused["refused"]
     answer = session.answer("replan", request)
@@ -110,7 +110,7 @@ def test_the_rest_is_planned_anew_round_what_is_fixed(session, catalog):
     new = np.array([[row[name] for name in ("x_m", "y_m", "z_m")] for row in answer["viewpoints"]])
     inside = ((new > box[0]) & (new < box[1])).all(axis=1)
     assert not inside.any() and answer["verdict"]["flyable"]
-    again = wanted(plan, base=1, viewpoints=answer["viewpoints"], keep_out=[box], by="Ada")
+    again = question(plan, base=1, viewpoints=answer["viewpoints"], keep_out=[box], by="Ada")
     draft = session.answer("keep", again)
     steps = catalog.waypoints(draft["id"])[["x_m", "y_m", "z_m"]].to_numpy()
     assert not ((steps > np.array(box[0])) & (steps < np.array(box[1]))).all(axis=1).any()
@@ -133,17 +133,17 @@ def test_two_who_decide_at_once_are_told_of_each_other(session, catalog):
 @pytest.mark.ci
 def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
     plan = session.answer("plan", {})
-    aim = session.answer("aim", wanted(plan, viewpoint=3))
+    aim = session.answer("aim", question(plan, viewpoint=3))
     assert aim["place"] is not None
     where = "ball " + " ".join(map(str, aim["place"])) + " 0.8"
     assert 0 < session.answer("zone", {"where": where})["share_pct"] < 20
     request = {"set": "monthly", "zone": {"zone": "seam", "where": where, "looks": 2}, "by": "Ada"}
     assert "now requires 1 zone." in session.answer("require", request)["message"]
-    (zone,) = session.answer("judge", wanted(plan))["zones"]
+    (zone,) = session.answer("judge", question(plan))["zones"]
     assert (zone["zone"], zone["status"]) == ("seam", "met")
     away = [row for row in plan["viewpoints"] if row["viewpoint"] in (0, 11)]
     session.answer("require", {**request, "zone": {**request["zone"], "looks": 50}})
-    (zone,) = session.answer("judge", wanted(plan, viewpoints=away))["zones"]
+    (zone,) = session.answer("judge", question(plan, viewpoints=away))["zones"]
     assert zone["status"] == "missed" and zone["why"]
     assert list(catalog.requirements()["version"]) == [2]
     assert "names no surface" in session.answer("zone", {"where": "ball 900 0 0 1"})["refused"]
@@ -229,13 +229,13 @@ def handle(page: Any) -> tuple[float, float]:
     return box["x"] + right.mean(), box["y"] + down.mean()
 
 
-def reach(page: Any, wanted: str) -> None:
+def reach(page: Any, element: str) -> None:
     """Go to a control by the Tab key alone."""
     for _ in range(150):
-        if page.evaluate("document.activeElement.id") == wanted:
+        if page.evaluate("document.activeElement.id") == element:
             return
         page.keyboard.press("Tab")
-    raise AssertionError(f"{wanted} is not reached by Tab")
+    raise AssertionError(f"{element} is not reached by Tab")
 
 
 def judged(page: Any, words: str) -> str:

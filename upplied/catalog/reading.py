@@ -49,7 +49,7 @@ class Reading:
 
     def create(self) -> Self:
         """Make the catalog where there is none yet; adding does so as well."""
-        self.identity.made()
+        self.identity.name()
         return self
 
     def structures(
@@ -115,13 +115,13 @@ class Reading:
         """
         # Which rows those are is told from a few columns; the others are read of these rows alone.
         declared, tables = TABLES["transfers"], self.tables
-        wanted = declared.names if columns is None else list(columns)
-        if unknown := [name for name in wanted if name not in declared.names]:
+        columns_read = declared.names if columns is None else list(columns)
+        if unknown := [name for name in columns_read if name not in declared.names]:
             known = f"one of {', '.join(declared.names)}"
             raise SettingsError(f"column {unknown[0]!r}", "does not exist", known)
         if version is not None:  # its moment; none where it has no rows
             as_of = pc.max(tables["transfers"].read(None, ["added_at"], version)[0]).as_py()
-        derived = in_force or not {*DERIVED}.isdisjoint(wanted)
+        derived = in_force or not {*DERIVED}.isdisjoint(columns_read)
         until_then = until(as_of)
         now = standing_of(ordering.by_commit(tables["decisions"].read(until_then))) if derived else Standing()
         if in_force:
@@ -133,7 +133,7 @@ class Reading:
             {"target_id": there, "transfer_id": ids},
         )
         few = {*queries.NAMED, *ordering.ORDERED, "added_at"}
-        few |= set() if columns is None else {*wanted} - {*DERIVED}
+        few |= set() if columns is None else {*columns_read} - {*DERIVED}
         table = tables["transfers"].narrow([name for name in declared.names if name in few], where, version)
         if as_of is not None:
             table = table.filter(until_then)
@@ -153,10 +153,10 @@ class Reading:
             plans = plans[plans["status"] == status]
         if since is not None:
             plans = plans[plans["planned_at"] >= moment(since)]
-        if rest := [name for name in wanted if name not in plans]:
+        if rest := [name for name in columns_read if name not in plans]:
             more = queries.completed(tables["transfers"], plans, rest, len(table), version)
             plans = pd.concat([plans.reset_index(drop=True), frame(decoded(more))], axis=1)
-        plans = plans[list(wanted)].reset_index(drop=True)
+        plans = plans[list(columns_read)].reset_index(drop=True)
         plans.attrs["units"] = Units((c.name, c.unit) for c in declared.columns if c.name in plans)
         return plans
 
@@ -216,8 +216,8 @@ class Reading:
     def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
         """The row of one plan; only the columns that are named."""
         check_id(transfer_id, "transfer id")
-        wanted = None if columns is None else list(dict.fromkeys([*columns, *ordering.ORDERED]))
-        same_id = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
+        fields = None if columns is None else list(dict.fromkeys([*columns, *ordering.ORDERED]))
+        same_id = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, fields)
         if not len(same_id):
             raise self._unknown(transfer_id)
         return dict(ordering.in_order(same_id, newest=False).to_pylist()[0])

@@ -175,12 +175,12 @@ def vacuum(*, keep_days: DaysOption = 30.0, where: Where = HERE) -> int:
     from upplied.catalog import vacuum as clean
 
     with errors.status("removing files"):
-        done = clean(where.opened(), keep_days)
-    _counted("files removed", done.files_removed)
-    _counted("rows of stopped writers removed", done.orphan_commits)
-    say(f"{done.surfaces_removed} unused surfaces and {done.drafts_removed} unfinished exports removed")
-    say(f"jobs of {done.runs_removed} killed runs removed")
-    say(f"{done.cache_bytes_freed} bytes of cache freed")
+        counts = clean(where.opened(), keep_days)
+    _counted("files removed", counts.files_removed)
+    _counted("rows of stopped writers removed", counts.orphan_commits)
+    say(f"{counts.surfaces_removed} unused surfaces and {counts.drafts_removed} unfinished exports removed")
+    say(f"jobs of {counts.runs_removed} killed runs removed")
+    say(f"{counts.cache_bytes_freed} bytes of cache freed")
     return 0
 
 
@@ -244,8 +244,8 @@ def import_(folder: Path, /, *, replace: Replace = False, verify: Verify = False
     from upplied.fleet.flights import measured
 
     with errors.status("importing"):
-        done = import_dataset(where.opened(), folder, replace, measured if verify else None)
-    _counted("added rows", done)
+        counts = import_dataset(where.opened(), folder, replace, measured if verify else None)
+    _counted("added rows", counts)
     return 0
 
 

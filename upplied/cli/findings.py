@@ -87,16 +87,16 @@ def add(
         raise SettingsError("an error", "is below 0", "0 or more")
     kinds_of_error = Errors(attitude_deg=attitude_error, pixel_px=pixel_error)
     with errors.status("casting rays"):
-        done = add_marks(results.opened(), marks, by, kinds_of_error, pose_error)
-    complain_each("refused", done.refused)
+        marks_added = add_marks(results.opened(), marks, by, kinds_of_error, pose_error)
+    complain_each("refused", marks_added.refused)
     rows = results.opened().findings()
-    if done.ids or results.json:
-        results.show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, SPARE)
-    known = len(done.ids) - done.new
-    results.say(f"{done.new} added, {known} already known, {len(done.refused)} refused")
-    if done.ids:
-        results.next_step(f"findings looks {done.ids[-1]}", "every photo that shows it")
-    return int(bool(done.refused))
+    if marks_added.ids or results.json:
+        results.show_frame("findings", rows[rows["finding_id"].isin(set(marks_added.ids))], LISTED, SPARE)
+    known = len(marks_added.ids) - marks_added.new
+    results.say(f"{marks_added.new} added, {known} already known, {len(marks_added.refused)} refused")
+    if marks_added.ids:
+        results.next_step(f"findings looks {marks_added.ids[-1]}", "every photo that shows it")
+    return int(bool(marks_added.refused))
 
 
 @app.command

@@ -132,9 +132,9 @@ def plan(
     return int(result.ok < result.total or any(structure.troubled for structure in checked))
 
 
-def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+def changes(texts: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     stages: dict[str, dict[str, Any]] = {}
-    for text in given:
+    for text in texts:
         name, equals, value = text.partition("=")
         stage, dot, setting = name.partition(".")
         if not (equals and dot):

@@ -124,18 +124,18 @@ def range_of(stage: type, name: str) -> Range:
 
 def _check_value(stage_name: str, stage: type, name: str, value: Any) -> None:
     """Refuse a value of a stage of another type than its field declares, or out of its range."""
-    wanted = get_type_hints(stage)[name]
-    what, choices = f"setting {stage_name}.{name}", get_args(wanted)
+    hint = get_type_hints(stage)[name]
+    what, choices = f"setting {stage_name}.{name}", get_args(hint)
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if get_origin(wanted) is Literal:
+    if get_origin(hint) is Literal:
         fits, rule = value in choices, f"one of {', '.join(map(repr, choices))}"
-    elif wanted is str:
+    elif hint is str:
         fits, rule = isinstance(value, str) and len(value) <= 1000, "text of at most 1000 characters"
-    elif wanted is bool:
+    elif hint is bool:
         fits, rule = isinstance(value, bool), "true or false"
-    elif int in (wanted, *choices):
+    elif int in (hint, *choices):
         fits, rule = number and isinstance(value, int), "a whole number"
-    elif float in (wanted, *choices):
+    elif float in (hint, *choices):
         fits, rule = number and math.isfinite(value), "a number"
     else:
         fits = all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in value)

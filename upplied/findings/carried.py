@@ -117,12 +117,12 @@ class Carrying:
         results: dict[str, Counterparts] = {}
         for group in self._groups(reference, names):
             members = np.array([at for at, name in enumerate(group.members) if name in names], np.int64)
-            wanted, count = [group.members[at] for at in members], len(on_map)
+            ids, count = [group.members[at] for at in members], len(on_map)
             near = group.near(on_map.spots, members)
             whole = Counterparts.stacked([on_map] * len(members))
-            there = self._continued(whole, group.carried, reference, wanted, near)
+            there = self._continued(whole, group.carried, reference, ids, near)
             parts = (there.rows(slice(start, start + count)) for start in range(0, len(there), count))
-            results |= zip(wanted, parts, strict=True)
+            results |= zip(ids, parts, strict=True)
         return results
 
     def _groups(self, reference: str, names: set[str]) -> Iterator[CarriedGroup]:

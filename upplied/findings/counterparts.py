@@ -190,8 +190,8 @@ def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near
     Of spots that have no place they are any.
     """
     spots = np.nan_to_num(spots)
-    wanted = with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
-    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(wanted)[1]
+    goals = with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
+    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(goals)[1]
     others = _tree(points).query(spots[:, :3], min(1 + _NEIGHBOURS, len(points)))[1].reshape(len(spots), -1)
     samples = np.column_stack([nearest, others])
     away = np.linalg.norm(spots[:, None, :3] - points[samples], axis=2)

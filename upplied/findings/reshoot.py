@@ -16,7 +16,7 @@ from upplied.findings.adding import on_surface
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, spot_of
 from upplied.findings.rays import footprint_m, size_px
-from upplied.findings.viewing import Wanted, best_look, shows
+from upplied.findings.viewing import Look, best_look, shows
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.flights import USUAL_CLEARANCE_M, place_breaches
 from upplied.geometry.polylines import leg_lengths
@@ -103,7 +103,7 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
     """A mission that shows the places of findings on a structure; parameters as those of `plan_reshoot`."""
     structure_id = base.target.structure_id
     base, words = _sized(base, rows)
-    wanted, refused = wanted_looks(carrying, rows, base.target)
+    goals, refused = wanted_looks(carrying, rows, base.target)
     supposed = base.about["supposed"]
     route = base.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
@@ -111,8 +111,8 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
     airspace = Airspace(scene, clearance, base.target.surroundings, route.ground_clearance_m)
     surface = surface_samples(base.target, scene_of(base.target), CloudSettings())
     graph = roadmap(airspace, obstacle(surface, supposed))
-    looks: dict[Wanted, Trajectory] = {}
-    for one in wanted:
+    looks: dict[Look, Trajectory] = {}
+    for one in goals:
         look = best_look(one, base.camera, graph, base.settings.retime, mm_px)
         if look is not None:
             looks[one] = look
@@ -197,9 +197,9 @@ def _sized(base: Base, rows: Sequence[dict[str, Any]]) -> tuple[Base, list[str]]
 
 def wanted_looks(
     carrying: Carrying, rows: Sequence[dict[str, Any]], target: Structure
-) -> tuple[list[Wanted], list[str]]:
+) -> tuple[list[Look], list[str]]:
     """How findings are to be looked at on a structure, as their photos did; and what has no place there."""
-    wanted, refused, structure_id = [], [], target.structure_id
+    looks, refused, structure_id = [], [], target.structure_id
     for source in sorted({str(row["target_id"]) for row in rows}):
         own = [row for row in rows if row["target_id"] == source]
         carrying.targets(source, structure_id)
@@ -220,11 +220,11 @@ def wanted_looks(
             corners = place + (spot.corners - spot.place) @ there.turn[at].T
             moved = Spot(structure_id, place, normal, corners)
             photo = str(row["photo"] or (f"the photo at {row['photo_s']:.1f} s" if row["flight_id"] else ""))
-            wanted.append(Wanted(str(row["finding_id"]), moved, direction, distance, photo, there.doubt(at)))
-    return wanted, refused
+            looks.append(Look(str(row["finding_id"]), moved, direction, distance, photo, there.doubt(at)))
+    return looks, refused
 
 
-def _tour(looks: dict[Wanted, Trajectory], base: Base, graph: Roadmap, mm_px: float) -> Toured:
+def _tour(looks: dict[Look, Trajectory], base: Base, graph: Roadmap, mm_px: float) -> Toured:
     """A short safe flight by poses that show every spot, of those that safe legs join."""
     poses, seen = in_a_row(list(looks.values())), np.eye(len(looks), dtype=bool)
     for number, one in enumerate(looks):
@@ -235,26 +235,26 @@ def _tour(looks: dict[Wanted, Trajectory], base: Base, graph: Roadmap, mm_px: fl
     return toured(poses, seen, graph, base.pace, base.settings.retime)
 
 
-def _words(wanted: Wanted, look: Trajectory, camera: Camera) -> str:
-    spot, position = wanted.spot, look.positions[0]
+def _words(goal: Look, look: Trajectory, camera: Camera) -> str:
+    spot, position = goal.spot, look.positions[0]
     ray = position - spot.place
     distance = float(np.linalg.norm(ray))
-    off = float(np.degrees(np.arccos(np.clip(ray @ wanted.direction / distance, -1, 1))))
+    off = float(np.degrees(np.arccos(np.clip(ray @ goal.direction / distance, -1, 1))))
     pixel = 1e3 * footprint_m(camera, position, spot.place, spot.normal)
-    text = f"finding {wanted.finding_id}: from {distance:.1f} m at {pixel:.2f} mm/px"
-    if wanted.reference:
-        text += f", as {wanted.reference} showed it"
+    text = f"finding {goal.finding_id}: from {distance:.1f} m at {pixel:.2f} mm/px"
+    if goal.reference:
+        text += f", as {goal.reference} showed it"
         if off > _AS_WANTED_DEG:
             text += f", but {off:.0f} degrees aside: no nearer viewpoint is safe and shows it"
-        if distance > _AS_NEAR * wanted.distance_m:
-            text += f", from {distance - wanted.distance_m:.1f} m farther"
-        elif distance * _AS_NEAR < wanted.distance_m:
-            text += f", from {wanted.distance_m - distance:.1f} m nearer"
-    return f"{text}; {wanted.note}" if wanted.note else text
+        if distance > _AS_NEAR * goal.distance_m:
+            text += f", from {distance - goal.distance_m:.1f} m farther"
+        elif distance * _AS_NEAR < goal.distance_m:
+            text += f", from {goal.distance_m - distance:.1f} m nearer"
+    return f"{text}; {goal.note}" if goal.note else text
 
 
-def _nearest(surface: Cloud, wanted: Sequence[Wanted]) -> Ints:
-    places = np.array([one.spot.place for one in wanted])
+def _nearest(surface: Cloud, looks: Sequence[Look]) -> Ints:
+    places = np.array([one.spot.place for one in looks])
     away = np.linalg.norm(surface.points[None] - places[:, None], axis=2)
-    facing = np.array([one.spot.normal for one in wanted]) @ surface.outward.T
+    facing = np.array([one.spot.normal for one in looks]) @ surface.outward.T
     return np.asarray(np.where(facing > 0, away, np.inf).argmin(axis=1), np.int64)

@@ -23,7 +23,7 @@ _FARTHER = 0.1  # log of the distance, that weighs as much as a radian
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Wanted(Record):
+class Look(Record):
     """A look at the place of a finding."""
 
     finding_id: str
@@ -35,25 +35,25 @@ class Wanted(Record):
 
 
 def best_look(
-    wanted: Wanted, camera: Camera, graph: Roadmap, limits: RetimeSettings, mm_px: float
+    goal: Look, camera: Camera, graph: Roadmap, limits: RetimeSettings, mm_px: float
 ) -> Trajectory | None:
     """The pose nearest to the wanted look that is safe and shows the place so; None where there is none."""
-    place, normal = wanted.spot.place, wanted.spot.normal
-    first, second = plane_axes(wanted.direction)
+    place, normal = goal.spot.place, goal.spot.normal
+    first, second = plane_axes(goal.direction)
     turn, tilt = 2 * np.pi * np.arange(_TURNS)[:, None] / _TURNS, np.radians(_TILTS_DEG)[:, None, None]
     beside = np.cos(turn) * first + np.sin(turn) * second
-    aside = np.cos(tilt) * wanted.direction + np.sin(tilt) * beside
-    way = np.vstack([wanted.direction, aside.reshape(-1, 3)])
+    aside = np.cos(tilt) * goal.direction + np.sin(tilt) * beside
+    way = np.vstack([goal.direction, aside.reshape(-1, 3)])
     way = way[way @ normal > np.cos(np.radians(TRULY.max_incidence_deg))]
     facing = way @ normal
     # Straight at the place a pixel covers its angle over the cosine of the incidence.
     farthest = np.minimum(_FINE * 1e-3 * mm_px * focal_of(camera)[0] * facing, 0.999 * camera.max_range_m)
     nearest = max(camera.min_range_m, graph.airspace.clearance_m) * 1.001
-    wish = np.where(np.isnan(wanted.distance_m), farthest, np.clip(wanted.distance_m, nearest, None))
+    wish = np.where(np.isnan(goal.distance_m), farthest, np.clip(goal.distance_m, nearest, None))
     wish = np.minimum(wish, farthest)
     reach = (np.maximum(farthest, nearest) / nearest)[:, None] ** np.linspace(0, 1, _DISTANCES)
     away = np.concatenate([wish[:, None], nearest * reach], axis=1)
-    angle = np.arccos(np.clip(way @ wanted.direction, -1, 1))
+    angle = np.arccos(np.clip(way @ goal.direction, -1, 1))
     cost = angle[:, None] + _FARTHER * np.abs(np.log(away / np.maximum(wish, 1e-3)[:, None]))
     fits = (away >= nearest) & (away <= farthest[:, None] * (1 + 1e-9))
     positions = place + away[..., None] * way[:, None]
@@ -68,7 +68,7 @@ def best_look(
     for some in np.array_split(np.arange(len(poses)), max(1, len(poses) // 60)):
         part = poses.take(some)
         good = graph.airspace.allowed(part.positions)
-        good[good] = shows(part.take(good), wanted.spot, camera, graph, mm_px)
+        good[good] = shows(part.take(good), goal.spot, camera, graph, mm_px)
         for at in np.flatnonzero(good):
             if len(links(graph, part.positions[at])):
                 return part.take(np.array([at]))

@@ -75,9 +75,9 @@ def add_flight_log(
         return _added(workers, catalog, log, transfer_id, photos, options)
 
 
-def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> Row:
+def _added(workers: Workers, catalog: Catalog, log: str | Path, *options: Any) -> Row:
     try:
-        judged: Judged = workers.run(judge_log, catalog.location, str(log), *given)
+        judged: Judged = workers.run(judge_log, catalog.location, str(log), *options)
     except JobKilled as death:
         raise InputError(str(log), str(death)) from None
     return keep(catalog, judged)

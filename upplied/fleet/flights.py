@@ -145,7 +145,7 @@ def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
     changed = force[force["target_changed"]] if len(force) else force
     if not len(changed):
         return []
-    done = []
+    verdicts = []
     with Workers(min(cores(), len(changed)), limits=limits or Limits()) as workers:
         for row in changed.to_dict("records"):
             target = catalog.newest("structures", row["target_id"])["sha256"]
@@ -159,8 +159,8 @@ def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
                 catalog.recall(*judged)
             else:
                 catalog.rechecked(*judged, verdict.supposed_sha256)
-            done.append(verdict)
-    return done
+            verdicts.append(verdict)
+    return verdicts
 
 
 def judge_again(location: str, transfer_id: str) -> Rechecked:

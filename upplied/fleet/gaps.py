@@ -136,10 +136,10 @@ def _plan(
     state[missing] = _MISSED
     state[flight.unattainable] = _UNATTAINABLE
     state[flight.shows] = _SHOWN
-    for zone, (done, none) in zip(zones, flight.zones, strict=True):
+    for zone, (shown, none) in zip(zones, flight.zones, strict=True):
         patch = nearest(surface, zone.gap.cloud)
-        state[patch[~done]] = np.where(none[~done], _UNATTAINABLE, _MISSED)
-        state[patch[done & (state[patch] == _OTHER)]] = _SHOWN
+        state[patch[~shown]] = np.where(none[~shown], _UNATTAINABLE, _MISSED)
+        state[patch[shown & (state[patch] == _OTHER)]] = _SHOWN
     path = flight.trajectory
     headline = "shows what zones miss"
     if missing.any():

@@ -114,18 +114,18 @@ class Recent:
 
     def __init__(self, memo: Memo, max_bytes: int = 128 << 20) -> None:
         self._memo, self._max_bytes = memo, max_bytes
-        self._held: OrderedDict[tuple[str, str], Any] = OrderedDict()
+        self._known: OrderedDict[tuple[str, str], Any] = OrderedDict()
         self._bytes = 0
 
     def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
         name = stage, key
-        if name not in self._held:
-            self._held[name] = self._memo(stage, record_type, key, compute)
-            self._bytes += nbytes(self._held[name])
-        self._held.move_to_end(name)
-        record: R = self._held[name]
-        while self._bytes > self._max_bytes and self._held:
-            self._bytes -= nbytes(self._held.popitem(last=False)[1])
+        if name not in self._known:
+            self._known[name] = self._memo(stage, record_type, key, compute)
+            self._bytes += nbytes(self._known[name])
+        self._known.move_to_end(name)
+        record: R = self._known[name]
+        while self._bytes > self._max_bytes and self._known:
+            self._bytes -= nbytes(self._known.popitem(last=False)[1])
         return record
 
 

@@ -95,10 +95,10 @@ def interpolate(trajectory: Trajectory, t_s: Floats) -> Trajectory:
     """Poses at other times (M,), s: linear in position, spherical in orientation; ends are held."""
     if len(trajectory) == 1:
         return replace(trajectory.take(np.zeros(len(t_s), np.int64)), t_s=np.asarray(t_s, float))
-    held = np.clip(t_s, trajectory.t_s[0], trajectory.t_s[-1])
-    positions = interpolated(held, trajectory.t_s, trajectory.positions)
-    quats = Slerp(trajectory.t_s, Rotation.from_quat(trajectory.quat_xyzw))(held).as_quat()
-    return Trajectory(np.asarray(t_s, float), positions, normalised(quats), fov_at(trajectory, held))
+    times = np.clip(t_s, trajectory.t_s[0], trajectory.t_s[-1])
+    positions = interpolated(times, trajectory.t_s, trajectory.positions)
+    quats = Slerp(trajectory.t_s, Rotation.from_quat(trajectory.quat_xyzw))(times).as_quat()
+    return Trajectory(np.asarray(t_s, float), positions, normalised(quats), fov_at(trajectory, times))
 
 
 def fov_at(trajectory: Trajectory, t_s: Floats) -> Floats | None:

@@ -33,7 +33,7 @@ def spaced(times: Floats, chosen_s: Floats, least_s: float, brake_s: float) -> F
     """
     if (np.diff(chosen_s) >= least_s).all():
         return times
-    wanted = np.maximum(np.diff(chosen_s), least_s)
+    gaps = np.maximum(np.diff(chosen_s), least_s)
     steps = 2 + int((times[-1] - times[0]) / min(_CLOCK_S, np.diff(chosen_s).min(initial=_CLOCK_S) / 2))
     clock = np.linspace(times[0], times[-1], min(steps, _MOST_STEPS))
     between = np.searchsorted(chosen_s, (clock[1:] + clock[:-1]) / 2)
@@ -41,7 +41,7 @@ def spaced(times: Floats, chosen_s: Floats, least_s: float, brake_s: float) -> F
     slower = np.ones(len(clock) - 1)
     for _ in range(_WAITS):
         late = cumulated(uniform_filter1d(slower, brake, mode="nearest") * np.diff(clock))
-        short = wanted / np.maximum(np.diff(np.interp(chosen_s, clock, late)), 1e-9)
+        short = gaps / np.maximum(np.diff(np.interp(chosen_s, clock, late)), 1e-9)
         if not (short > 1 + 1e-9).any():
             break
         slower *= np.concatenate([[1.0], np.where(short > 1, short + _OVER, 1.0), [1.0]])[between]

@@ -218,7 +218,7 @@ class Findings(Record):
     outside_area_m2: float = 0.0  # that can be seen from outside, each face counted once
     topology: Topology | None = None  # of a mesh
     outliers: tuple[Outlier, ...] = ()
-    done: tuple[str, ...] = ()  # what was repaired, converted or dropped, in words
+    repairs: tuple[str, ...] = ()  # what was repaired, converted or dropped, in words
     assumed: tuple[str, ...] = ()  # where nothing declares the file
     verdicts: tuple[Verdict, ...] = ()  # the rules that it breaks
 

@@ -79,8 +79,8 @@ def read_demonstration(
             sha256 = beside.submit(_sha256, path, kind)
             source = door.read(path, FIELDS)
             try:
-                given = options or LogOptions(), placements or {}
-                demonstration, facts = _demonstration(path, source, *given, structures, flight)
+                settings = options or LogOptions(), placements or {}
+                demonstration, facts = _demonstration(path, source, *settings, structures, flight)
             except InputError as error:
                 raise _in_context(error, path, source) from None
             return replace(demonstration, sha256=_digest(sha256.result(), facts))
@@ -115,7 +115,7 @@ def _demonstration(
         raise nothing(tables, what)
     where = f"{what}, {topic}"
     # The inspection alone; samples that are no pose are dropped and counted.
-    track, cut, given = inspections.inspected(steady(timed(track)), tables, facts, what)
+    track, cut, bounded = inspections.inspected(steady(timed(track)), tables, facts, what)
     track = clean(track, facts, where)
     check_one(track, facts, where)
     facts, placing = registered(facts, track, structure, where)
@@ -139,7 +139,7 @@ def _demonstration(
 
     whole, flown = track, to_camera(track)
     parts = None
-    if structure is not None and source.timed and not given and len(flown) > 1:
+    if structure is not None and source.timed and not bounded and len(flown) > 1:
         parts = inspections.phases(flown, scene_of(structure), SEEN * camera.max_range_m)
     if parts is not None:
         inside = parts.inspected((flown.t_ns - flown.t_ns[0]) * 1e-9)

@@ -121,9 +121,9 @@ def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool) -> StructureEntry:
-    given = keys.parse(row, what)
-    up, forward = given["up"], given.get("forward")
-    if forward is None and given.get("symmetric"):
+    values = keys.parse(row, what)
+    up, forward = values["up"], values.get("forward")
+    if forward is None and values.get("symmetric"):
         forward = next(axis for axis in keys.AXES if axis[-1] != up[-1])
     if forward is None:
         rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
@@ -131,24 +131,24 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
         raise InputError(what, "has no 'forward'", rule, remedy)
     if forward[-1] == up[-1]:
         raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
-    if given.get("clip_ground") and "ground_z" not in given:
+    if values.get("clip_ground") and "ground_z" not in values:
         raise InputError(what, "has clip_ground but no ground_z", "the height of the ground to clip at")
-    missing = [key for key in _PLACE if key not in given]
+    missing = [key for key in _PLACE if key not in values]
     if 0 < len(missing) < len(_PLACE):
         rule = "lat, lon, alt and heading (deg of +X, clockwise from north) are given together or not at all"
         raise InputError(what, f"has no {' and no '.join(missing)}", rule)
-    declared = {item.name: given[item.name] for item in fields(StructureEntry) if item.name in given}
-    areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in _AREAS.items()}
-    around = Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)
-    path, root = Path(given["path"]), folder.resolve()
+    declared = {item.name: values[item.name] for item in fields(StructureEntry) if item.name in values}
+    areas = {f"{key}_m": np.asarray(values.get(key, np.empty(shape)), float) for key, shape in _AREAS.items()}
+    around = Surroundings(ground_z_m=values.get("ground_z"), ceiling_z_m=values.get("ceiling_z"), **areas)
+    path, root = Path(values["path"]), folder.resolve()
     if not allow_outside and (path.is_absolute() or not (root / path).resolve().is_relative_to(root)):
-        finding = f"the path {given['path'][:120]!r} leaves the manifest's folder"
+        finding = f"the path {values['path'][:120]!r} leaves the manifest's folder"
         rule = "paths relative to the manifest, inside its folder"
         raise InputError(what, finding, rule, "move the file there, or allow outside paths explicitly")
     declared |= {"path": folder / path, "up": up, "forward": forward}
-    declared |= {"structure_id": given["id"], "unit_m": given["units"], "surroundings": around}
-    declared["nominal_m"] = tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height"))
+    declared |= {"structure_id": values["id"], "unit_m": values["units"], "surroundings": around}
+    declared["nominal_m"] = tuple(values.get(f"nominal_{side}_m") for side in ("length", "width", "height"))
     if not missing:
-        place = (*(given[key] for key in _PLACE), given.get("datum", "ellipsoid"))
+        place = (*(values[key] for key in _PLACE), values.get("datum", "ellipsoid"))
         declared["placement"] = Placement(*place)
     return StructureEntry(**declared)

@@ -76,12 +76,12 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     findings = replace(
         findings, unit_m=unit_m, unit_from="file" if entry.unit_m is None else "manifest",
         up=entry.up, forward=entry.forward,
-        done=(*raw.remarks, *findings.done), verdicts=verdicts,
+        repairs=(*raw.remarks, *findings.repairs), verdicts=verdicts,
     )  # fmt: skip
     declared: dict[str, Any] = {name: getattr(entry, name) for name in _AS_DECLARED}
     declared |= {
         "landmarks": dict(entry.landmarks),
-        "notes": "; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
+        "notes": "; ".join(filter(None, (entry.notes, *findings.repairs, *(v.found for v in verdicts)))),
         "verdicts_json": to_json(verdicts) if verdicts else "",
         "sha256": _sha256(sha256, entry),
     }
@@ -127,18 +127,18 @@ def turn(up: str, forward: str) -> Floats:
 
 def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     vertices, triangles, _, repairs = clean(vertices, raw.triangles)
-    done = list(repairs)
+    words = list(repairs)
     ground = entry.surroundings.ground_z_m
     if entry.clip_ground and ground is not None and len(triangles) and vertices[:, 2].min() < ground:
         before = _area(vertices, triangles)
         vertices, triangles, _ = clip_below(vertices, triangles, ground)
-        done.append(f"{before - _area(vertices, triangles):.0f} m² below the ground cut off")
+        words.append(f"{before - _area(vertices, triangles):.0f} m² below the ground cut off")
     _check_left(triangles, entry)
     topology = topology_of(triangles)
     inverted, hidden, outside_area_m2 = look(vertices, triangles, topology, ground)
     triangles = np.where(inverted[:, None], triangles[:, ::-1], triangles)
     if inverted.any():
-        done.append(f"{inverted.sum()} triangles turned that showed outside their back")
+        words.append(f"{inverted.sum()} triangles turned that showed outside their back")
     outliers = tuple(find_outliers(vertices, triangles, topology))
     drop: Bools = hidden & entry.drop_hidden
     verdicts = []
@@ -149,7 +149,7 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
         if not entry.drop_outliers:
             verdicts.append(measured("outlier", outlier))
     if drop.any():
-        done.append(f"{drop.sum()} triangles of hidden parts and outliers dropped")
+        words.append(f"{drop.sum()} triangles of hidden parts and outliers dropped")
         vertices, triangles = compact(vertices, triangles[~drop])
         _check_left(triangles, entry)
     if looks_scanned(Structure(entry.structure_id, entry.kind, vertices, triangles, surface=entry.surface)):
@@ -163,7 +163,7 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
         outside_area_m2=outside_area_m2,
         topology=final,
         outliers=outliers,
-        done=tuple(done),
+        repairs=tuple(words),
         verdicts=tuple(verdicts),
     )
     return vertices, triangles, None, findings
@@ -179,11 +179,11 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
         raise InputError(str(entry.path), f"holds no triangles and {len(places)} points", rule, remedy)
     distinct = np.flatnonzero(finite)[np.sort(first)]
     points = vertices[distinct]
-    given = None if raw.normals is None else raw.normals[distinct] @ turn(entry.up, entry.forward).T
-    normals, word = outward_normals(points, given)
+    turned = None if raw.normals is None else raw.normals[distinct] @ turn(entry.up, entry.forward).T
+    normals, word = outward_normals(points, turned)
     dropped = counted((len(vertices) - len(points), "points dropped that stood twice or nowhere"))
     words = filter(None, [word, "a point cloud: sizes and sight lines are as dense as its points"])
-    return points, NO_TRIANGLES, normals, Findings(done=(*dropped, *words))
+    return points, NO_TRIANGLES, normals, Findings(repairs=(*dropped, *words))
 
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:

@@ -41,11 +41,11 @@ def look(
     area = np.linalg.norm(area_vectors(corners), axis=1) / 2
     patch = topology.patch
     patch_area = np.bincount(patch, area)
-    wanted = _LEAST + np.floor(_SPREAD * patch_area / patch_area.sum()).astype(np.int64)
+    counts = _LEAST + np.floor(_SPREAD * patch_area / patch_area.sum()).astype(np.int64)
     fragments = np.argsort(-patch_area, kind="stable")[_MOST_PATCHES:]
-    wanted[fragments] = 0
+    counts[fragments] = 0
     rng = np.random.default_rng(0)
-    sample = _chosen(patch, area, wanted, rng)
+    sample = _chosen(patch, area, counts, rng)
     root, along = np.sqrt(rng.random(len(sample)))[:, None], rng.random(len(sample))[:, None]
     a, b, c = corners[sample].swapaxes(0, 1)
     points, normals = a * (1 - root) + root * (b * (1 - along) + c * along), area_vectors(corners[sample])
@@ -56,28 +56,28 @@ def look(
         _escaped(scene, points + sign * 0.5e-5 * reach * normals, sign * normals, reach, ground_z_m)
         for sign in (1.0, -1.0)
     )
-    number = len(wanted)
+    number = len(counts)
     fronts, backs = (np.bincount(patch[sample], hits, number) for hits in (front, back))
     judged = fronts + backs >= _HITS
     inverted = judged & (backs > _INVERTED * (fronts + backs))
     component = topology.component
     seen = np.bincount(component[sample], front + back, component.max(initial=-1) + 1) > 0
     seen[component[np.isin(patch, fragments)]] = True
-    share = patch_area / np.maximum(wanted, 1)
+    share = patch_area / np.maximum(counts, 1)
     outside_area = share[patch[sample]][front + back > 0].sum() + patch_area[fragments].sum()
     return inverted[patch], ~seen[component], float(outside_area)
 
 
-def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -> Ints:
+def _chosen(patch: Ints, area: Floats, counts: Ints, rng: np.random.Generator) -> Ints:
     """Triangles for the samples of each patch, stratified by area, patch after patch."""
     order = np.argsort(patch, kind="stable")
     cumulated = np.cumsum(area[order])
-    last = np.cumsum(np.bincount(patch, minlength=len(wanted))) - 1
+    last = np.cumsum(np.bincount(patch, minlength=len(counts))) - 1
     end = cumulated[last]
     begin = np.concatenate([[0.0], end[:-1]])
-    owner = np.repeat(np.arange(len(wanted)), wanted)
-    step = np.arange(len(owner)) - np.repeat(np.cumsum(wanted) - wanted, wanted)
-    at = begin[owner] + (step + rng.random(len(owner))) / wanted[owner] * (end - begin)[owner]
+    owner = np.repeat(np.arange(len(counts)), counts)
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    at = begin[owner] + (step + rng.random(len(owner))) / counts[owner] * (end - begin)[owner]
     first = np.concatenate([[0], last[:-1] + 1])
     return order[np.clip(np.searchsorted(cumulated, at), first[owner], last[owner])]
 
@@ -102,23 +102,23 @@ def _around(normals: Floats) -> Floats:
     return (local @ np.stack([*across(normals), normals], axis=1)).reshape(-1, 3)
 
 
-def outward_normals(points: Floats, given: Floats | None = None) -> tuple[Floats, str]:
+def outward_normals(points: Floats, stated: Floats | None = None) -> tuple[Floats, str]:
     """Unit normals (N, 3) that point to where rays from outside come from, and what was done, in words.
 
     Given normals are kept, but turned as a whole where most of them point inwards. Others come from the
     plane of the nearest of the points (N, 3), m, N >= 4, each turned by the side from which more rays escape.
     """
-    if given is None:
+    if stated is None:
         normals = _planes(points)
     else:  # those without a direction come from the plane of their neighbours
-        length = np.linalg.norm(given, axis=1)
+        length = np.linalg.norm(stated, axis=1)
         bad: Bools = ~(np.isfinite(length) & (length > 1e-9))
-        normals = np.where(bad[:, None], 0.0, given) / np.where(bad, 1.0, length)[:, None]
+        normals = np.where(bad[:, None], 0.0, stated) / np.where(bad, 1.0, length)[:, None]
         normals[bad] = _planes(points)[bad] if bad.any() else 0.0
     judged = np.sort(np.random.default_rng(0).permutation(len(points))[:_JUDGED])
     vote = _votes(points[judged], normals[judged])
     clear = np.abs(vote) > _CLEAR
-    if given is not None:
+    if stated is not None:
         inwards = bool(clear.any()) and float((vote[clear] < 0).mean()) > 0.6
         return (-normals, "all normals turned outwards") if inwards else (normals, "")
     if not clear.any():

@@ -63,10 +63,10 @@ def broken(rule: Rule, finding: str, allowed: str = "", remedy: str = "") -> Ver
 
 def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:
     """The names of rules to overrule, each once; SettingsError if there is no rule of that name."""
-    for name in (wanted := tuple(sorted(set(names)))):
+    for name in (allowed := tuple(sorted(set(names)))):
         if name not in rules:
             raise SettingsError(f"--allow {name}", "is no rule", f"one of {', '.join(sorted(rules))}")
-    return wanted
+    return allowed
 
 
 def decided(

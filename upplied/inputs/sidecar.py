@@ -118,9 +118,9 @@ def inspection(
     `metadata` are named records of the log. `demonstration_id` is filled in, `structure_id` may be missing.
     Raises InputError if a value has the wrong form, or the side-car holds an unknown key.
     """
-    given = {name: getattr(options, name) for name in _KEYS} | {"points": dict(options.points)}
-    given = {name: _parsed(name, value, "options") for name, value in given.items() if _given(value)}
-    facts, notes = replace(options, **given), []
+    choices = {name: getattr(options, name) for name in _KEYS} | {"points": dict(options.points)}
+    choices = {name: _parsed(name, value, "options") for name, value in choices.items() if _is_set(value)}
+    facts, notes = replace(options, **choices), []
     for name, values in metadata:
         if name == "inspection":
             facts = _merged(facts, values, f"{path}: metadata inspection", strict=False)
@@ -159,7 +159,7 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
 
 def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:
     """The facts with the defaults of a kind of file, where nothing else is declared."""
-    return replace(facts, **{key: it for key, it in defaults.items() if not _given(getattr(facts, key))})
+    return replace(facts, **{key: it for key, it in defaults.items() if not _is_set(getattr(facts, key))})
 
 
 def safe_id(text: str) -> str:
@@ -173,10 +173,10 @@ def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: boo
     unknown = [str(name) for name in values if name not in (*_NAMES, "schema_version")]
     if unknown and strict:
         raise InputError(what, f"has an unknown key {unknown[0][:60]!r}", f"one of {', '.join(_NAMES)}")
-    return replace(facts, **{it: _parsed(it, values[it], what) for it in _NAMES if _given(values.get(it))})
+    return replace(facts, **{it: _parsed(it, values[it], what) for it in _NAMES if _is_set(values.get(it))})
 
 
-def _given(value: Any) -> bool:
+def _is_set(value: Any) -> bool:
     return not isinstance(value, str | tuple | dict | None) or bool(value)
 
 

@@ -116,7 +116,7 @@ def stacked(pieces: Sequence[Piece]) -> Piece:
     likes = {path: column for columns, _ in reversed(pieces) for path, column in columns.items()}
     whole = {}
     for path, like in sorted(likes.items()):
-        whole[path] = np.concatenate([_like(like, held.get(path), len(times)) for held, times in pieces])
+        whole[path] = np.concatenate([_like(like, piece.get(path), len(times)) for piece, times in pieces])
     return whole, np.concatenate([times for _, times in pieces])
 
 

@@ -67,7 +67,7 @@ class HealthReport(Record):
             count = f"{edges.boundary_edges} open edges, {edges.nonmanifold_edges} with over two faces"
             yield "watertight", "yes" if edges.watertight else f"no: {count}"
         yield "accuracy", _known(mesh)
-        yield "repaired", "; ".join(findings.done) or "nothing"
+        yield "repaired", "; ".join(findings.repairs) or "nothing"
 
 
 def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:

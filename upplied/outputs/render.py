@@ -86,8 +86,8 @@ def brief_transfer(
     """The pilot's brief of one transfer in a format, HTML."""
     row, zones, custody = _leaving(catalog, transfer_id)
     options, warnings = as_settled(row, options or MissionOptions()), zones.plan.warnings
-    given = (format, zones.plan, zones.structure, options, zones.camera)
-    missions = missions_for(*given, undecided(catalog, row))
+    inputs = (format, zones.plan, zones.structure, options, zones.camera)
+    missions = missions_for(*inputs, undecided(catalog, row))
     keep_overruled(catalog, row, "brief", format, missions[0].overruled)
     results = zones.notes(missions), reference_photos(catalog, warnings), custody
     page = brief_html(row, missions, zones.structure, zones.camera, options, warnings, *results)

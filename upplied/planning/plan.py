@@ -82,8 +82,8 @@ def plan_transfer(
         If the settings name zones that are not given, or none and some are given.
     """
     if bool(settings.required.zones) != (required is not None):
-        given = "no surface is" if required is None else "a surface is"
-        state = f"is {settings.required.zones[:12]!r}, and {given} given"
+        surface = "no surface is" if required is None else "a surface is"
+        state = f"is {settings.required.zones[:12]!r}, and {surface} given"
         raise SettingsError("setting required.zones", state, "zones are required by `upplied require`")
     # A frame that turns and moves with the structures: the plan does not depend on the axes it is given in.
     here, there = frames_for(source, target, settings)

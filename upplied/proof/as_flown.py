@@ -61,10 +61,10 @@ def as_flown(
     near = aligned.on_plan
     passed = _passed(viewpoint_s, aligned)
     planned_s, rule = None if photo_s is None else viewpoint_s, rule or InspectionSettings()
-    wanted = planned_looks(plan, surface, planned_with or camera, scene, rule, planned_s)
+    goal = planned_looks(plan, surface, planned_with or camera, scene, rule, planned_s)
     if aligned.corrected:
-        wanted = replace(wanted, rim_deg=CORRECTED_RIM_DEG)
-    how = surface, camera, scene, photo_s, passed, (), wanted
+        goal = replace(goal, rim_deg=CORRECTED_RIM_DEG)
+    how = surface, camera, scene, photo_s, passed, (), goal
     looks = looks_of(flown, *how)
     if aligned.corrected:
         looks = certain_looks(looks, looks_of(logged, *how))

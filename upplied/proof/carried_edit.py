@@ -42,8 +42,8 @@ def stored_edit(
     before: Sequence[Viewpoint], edit: Edit, airspace: AirspaceLimits, replanned: bool
 ) -> StoredEdit:
     """A change by places in the place of numbers; `before` are the viewpoints that it counts."""
-    wanted = {**dict.fromkeys(edit.deleted), **{at: edit.changed[at] for at in sorted(edit.changed)}}
-    touched = (ViewpointChange(before[at], new) for at, new in wanted.items())
+    changes = {**dict.fromkeys(edit.deleted), **{at: edit.changed[at] for at in sorted(edit.changed)}}
+    touched = (ViewpointChange(before[at], new) for at, new in changes.items())
     return StoredEdit(tuple(touched), airspace, replanned)
 
 
@@ -69,24 +69,24 @@ def matched_edit(stored: StoredEdit, viewpoints: Sequence[Viewpoint]) -> tuple[E
     places = np.array([v.position for v in viewpoints])
     gaps, axes = leg_lengths(places), _axes(viewpoints)
     near = float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
-    wanted: dict[int, Viewpoint | None] = {}
+    changes: dict[int, Viewpoint | None] = {}
     lost: list[str] = []
     for one in stored.touched:
         off = np.linalg.norm(places - one.was.position, axis=1)
         turned = np.degrees(np.arccos(np.clip(axes @ _axes([one.was])[0], -1, 1)))
-        fits = (off <= near) & (turned <= _TURNED_DEG) & ~np.isin(np.arange(len(places)), list(wanted))
+        fits = (off <= near) & (turned <= _TURNED_DEG) & ~np.isin(np.arange(len(places)), list(changes))
         if fits.any():
-            wanted[int(np.where(fits, off, np.inf).argmin())] = one.wanted
+            changes[int(np.where(fits, off, np.inf).argmin())] = one.wanted
             continue
         where = ", ".join(f"{value:.1f}" for value in one.was.position)
         lost.append(f"no viewpoint corresponds to that at ({where}) m: the nearest is {off.min():.1f} m off")
-    return _edit(wanted), tuple(lost)
+    return _edit(changes), tuple(lost)
 
 
-def _edit(wanted: dict[int, Viewpoint | None]) -> Edit:
+def _edit(changes: dict[int, Viewpoint | None]) -> Edit:
     """What becomes of viewpoints by their numbers; None: left out."""
-    changed = {at: view for at, view in wanted.items() if view is not None}
-    return Edit(tuple(sorted(set(wanted) - set(changed))), changed)
+    changed = {at: view for at, view in changes.items() if view is not None}
+    return Edit(tuple(sorted(set(changes) - set(changed))), changed)
 
 
 def restored(stored: StoredEdit, path: Trajectory, is_viewpoint: Bools) -> tuple[Bools, Edit]:
@@ -98,14 +98,14 @@ def restored(stored: StoredEdit, path: Trajectory, is_viewpoint: Bools) -> tuple
     edit, _ = matched_edit(stored, viewpoints_of(path, is_viewpoint))
     index, flags = np.flatnonzero(is_viewpoint), np.array(is_viewpoint, bool)
     both = *dict.fromkeys(edit.deleted).items(), *edit.changed.items()
-    wanted = {int(index[at]): view for at, view in both}
+    changes = {int(index[at]): view for at, view in both}
     for view in (one.wanted for one in stored.touched):
-        if view is not None and view not in wanted.values():
+        if view is not None and view not in changes.values():
             off = np.linalg.norm(path.positions - view.position, axis=1)
             at = int(np.where(flags, np.inf, off).argmin())
-            flags[at], wanted[at] = True, view
+            flags[at], changes[at] = True, view
     number = np.cumsum(flags) - 1
-    return flags, _edit({int(number[at]): wanted[at] for at in sorted(wanted)})
+    return flags, _edit({int(number[at]): changes[at] for at in sorted(changes)})
 
 
 def edit_json(stored: StoredEdit) -> str:

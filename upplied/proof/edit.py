@@ -132,13 +132,13 @@ def edited(
     return replace(timed, fov_deg=fov_at(plan, demonstrated_s)), flags
 
 
-def _stop(whole: _Piece, at: int, wanted: Viewpoint | None) -> _Piece:
+def _stop(whole: _Piece, at: int, goal: Viewpoint | None) -> _Piece:
     """A viewpoint as it was, or as it is wanted; its heading turns the short way from what it was."""
     own = whole.rows(slice(at, at + 1))
-    if wanted is None:
+    if goal is None:
         return own
-    turn = np.angle(np.exp(1j * (np.radians(wanted.yaw_deg) - own.yaw)))
-    place, pitch = np.array([wanted.position], float), np.radians([wanted.pitch_deg])
+    turn = np.angle(np.exp(1j * (np.radians(goal.yaw_deg) - own.yaw)))
+    place, pitch = np.array([goal.position], float), np.radians([goal.pitch_deg])
     return _Piece(place, own.yaw + turn, pitch, own.t_s, own.is_viewpoint)
 
 

@@ -165,7 +165,7 @@ def camera_offset(plan: Trajectory, flown: Trajectory) -> tuple[tuple[float, flo
     block = (flown.t_s // _TURN_BLOCK_S).astype(int)
     is_so = yaw_pitch(flown.quat_xyzw)
     rates = [_turned(last - first) / span for first, last in zip(before, after, strict=True)]
-    offs = [_turned(wanted - mine) for wanted, mine in zip(now, is_so, strict=True)]
+    offs = [_turned(plan - mine) for plan, mine in zip(now, is_so, strict=True)]
     yaw, pitch = (_constant(off, rate, block) for off, rate in zip(offs, rates, strict=True))
     return yaw, pitch
 

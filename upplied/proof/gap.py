@@ -174,7 +174,7 @@ def gap_flight(
     flown += [np.asarray(one.seen(along, graph).any(axis=0), bool) for one in parts[1:]]
     cannot = np.split(~tour.covered, np.cumsum([shown.shape[1], *(len(one.cloud) for one in parts[1:])])[:-1])
     cannot[0] = ~_all(~cannot[0])
-    both = [(done, none & ~done) for done, none in zip(flown, cannot, strict=True)]
+    both = [(seen, none & ~seen) for seen, none in zip(flown, cannot, strict=True)]
     shows[part], unattainable[part] = both[0]
     return GapFlight(**vars(tour), shows=shows, unattainable=unattainable, zones=tuple(both[1:]))
 

@@ -49,13 +49,13 @@ class Looks(Record):
 
 def looks_of(
     flown: Trajectory, surface: Cloud, camera: Camera, scene: Scene, photo_s: Floats | None = None,
-    picture_s: Floats | None = None, within_m: Sequence[float] = (), wanted: PlannedLooks | None = None,
+    picture_s: Floats | None = None, within_m: Sequence[float] = (), plan: PlannedLooks | None = None,
 ) -> Looks:  # fmt: skip
     """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
 
     Nothing is seen while the log is silent. Where no photos are known, a sample counts as shown in a picture
     at each moment of `picture_s`, and in one picture at least where it is seen. The most frontal look is that
-    of all looks, and of those within each distance `within_m`; `inspected` needs those of a plan, `wanted`.
+    of all looks, and of those within each distance `within_m`; `inspected` needs those of a `plan`.
     """
     shown = views_from(_looking(flown, photo_s), surface, camera, scene)
     poses, seen = shown.stations, shown.seen
@@ -72,11 +72,11 @@ def looks_of(
     when[there] = poses.t_s[nearest[there]]
     pace = np.interp(when, flown.t_s, _speeds(flown))
     inspected = None
-    if wanted is not None:
+    if plan is not None:
         breaks = np.array([part[0] for part in pieces(flown)], np.int64)
         steps = moments(flown, breaks) if photo_s is None else looks_at(flown, poses.t_s, breaks)
         none = np.zeros(len(surface), bool)
-        inspected = wanted.matched(shown, steps, surface, camera) if len(poses) else none
+        inspected = plan.matched(shown, steps, surface, camera) if len(poses) else none
     return Looks(there, near, level, pace, when, pictures, tuple(frontal), None, inspected)
 
 

@@ -108,21 +108,21 @@ def foresee(
     if not paired.any():
         return Foreseen(float("nan"), 100.0)
     need = np.bincount(index[paired], weights=area[paired], minlength=len(target))
-    wanted = np.flatnonzero(need)
-    shown = in_sight(target, wanted, registration.to_target(seen.stations), camera)
-    coverage = float(need[wanted[shown]].sum() / need.sum())
+    needs = np.flatnonzero(need)
+    shown = in_sight(target, needs, registration.to_target(seen.stations), camera)
+    coverage = float(need[needs[shown]].sum() / need.sum())
     return Foreseen(100 * coverage, 100 * float(area[~paired].sum()) / whole)
 
 
-def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bools:
+def in_sight(cloud: Cloud, index: Ints, stations: Floats, camera: Camera) -> Bools:
     """Which of the wanted samples (K,) are seen from any of the stations (S, 3), m, structure frame.
 
     The camera is turned freely: only its range counts. Each sample of the cloud, with normals and areas, is
     an opaque disc of its area.
     """
     visible = _in_sight(
-        np.ascontiguousarray(cloud.points[wanted]),
-        np.ascontiguousarray(cloud.outward[wanted]),
+        np.ascontiguousarray(cloud.points[index]),
+        np.ascontiguousarray(cloud.outward[index]),
         np.ascontiguousarray(stations),
         (camera.min_range_m, camera.max_range_m),
         np.cos(np.radians(TRULY.max_incidence_deg)),

@@ -219,8 +219,8 @@ def offset_outline(points_xy: Floats, distance_m: float, step_m: float = 0.5) ->
     hull = points_xy[ConvexHull(points_xy, qhull_options="QJ Pp").vertices]
     loop = hull[np.argmax(hull @ normal.T, axis=0)] + distance_m * normal
     along = arc_length(loop)
-    wanted = np.linspace(0, along[-1], max(int(along[-1] / step_m), 8), endpoint=False)
-    return interpolated(wanted, along, loop)
+    places = np.linspace(0, along[-1], max(int(along[-1] / step_m), 8), endpoint=False)
+    return interpolated(places, along, loop)
 
 
 class Tower(NamedTuple):

@@ -78,8 +78,8 @@ def _flown(route: Route, scene: Scene, ground_z: float, rng: np.random.Generator
 def _rounded(route: Route) -> tuple[Floats, Floats]:
     """The route at even steps with rounded corners."""
     along = arc_length(route.positions)
-    wanted = np.linspace(0, along[-1], max(int(along[-1] / _STEP_M), 2))
-    positions, look = (interpolated(wanted, along, each) for each in (route.positions, route.look))
+    places = np.linspace(0, along[-1], max(int(along[-1] / _STEP_M), 2))
+    positions, look = (interpolated(places, along, each) for each in (route.positions, route.look))
     softened = partial(gaussian_filter1d, axis=0, mode="nearest")
     return softened(positions, 1.2 / _STEP_M), softened(look, 2.0 / _STEP_M)
 
@@ -120,11 +120,11 @@ def _gimbal(positions: Floats, aim: Floats, rng: np.random.Generator) -> Floats:
     ray = aim - positions
     yaw = np.unwrap(np.arctan2(ray[:, 1], ray[:, 0]))
     pitch = np.arctan2(ray[:, 2], np.hypot(ray[:, 0], ray[:, 1]))
-    wanted = np.column_stack([yaw, np.clip(pitch, -np.pi / 2, np.pi / 6)])
+    angles = np.column_stack([yaw, np.clip(pitch, -np.pi / 2, np.pi / 6)])
     gain = 1 - np.exp(-1 / (_RATE_HZ * _GIMBAL_LAG_S))
-    followed = wanted.copy()
-    for row in range(1, len(wanted)):
-        followed[row] = followed[row - 1] + gain * (wanted[row] - followed[row - 1])
+    followed = angles.copy()
+    for row in range(1, len(angles)):
+        followed[row] = followed[row - 1] + gain * (angles[row] - followed[row - 1])
     noise = np.column_stack([_coloured(len(aim), 0.8 * _RATE_HZ, rng) for _ in range(2)])
     followed += np.radians(_GIMBAL_NOISE_DEG) * noise
     return from_yaw_pitch(followed[:, 0], np.clip(followed[:, 1], -np.pi / 2, np.pi / 6))

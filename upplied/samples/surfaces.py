@@ -139,8 +139,8 @@ def foil_loft(name: str, sections: list[Section], up: tuple[float, float, float]
     corners = np.array([[*leading, chord_m, thickness] for leading, chord_m, thickness in sections])
     travelled, pieces = arc_length(corners[:, :3]), len(sections) - 1
     each = max(1, stations // pieces)  # every corner is a station
-    wanted = np.interp(np.arange(each * pieces + 1) / each, np.arange(pieces + 1), travelled)
-    table = interpolated(wanted, travelled, corners)
+    places = np.interp(np.arange(each * pieces + 1) / each, np.arange(pieces + 1), travelled)
+    table = interpolated(places, travelled, corners)
     shape = airfoil(camber=0.0 if abs(up[2]) < 0.5 else 0.015)
     chord, thickness = table[:, 3, None, None], table[:, 4, None, None]
     rings = table[:, None, :3] + chord * shape[:, :1] * np.array([-1.0, 0.0, 0.0])

@@ -156,8 +156,8 @@ class Login:
         return answer
 
 
-def _equal(given: str, known: str) -> bool:
-    return hmac.compare_digest(given.encode("utf-8", "replace"), known.encode())
+def _equal(word: str, known: str) -> bool:
+    return hmac.compare_digest(word.encode("utf-8", "replace"), known.encode())
 
 
 def _basic(request: Request) -> str:

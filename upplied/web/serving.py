@@ -57,8 +57,8 @@ class Web:
         self.app = Starlette(routes=routes, exception_handlers=_HANDLERS)
 
     async def sign_in(self, request: Request) -> Response:
-        given = await _json(request)
-        if not self.login.accepts(given.get("password")):
+        content = await _json(request)
+        if not self.login.accepts(content.get("password")):
             await asyncio.sleep(_WRONG_S)
             return JSONResponse({"refused": "Wrong password."}, 401)
         return self.login.give_cookie(JSONResponse({"token": self.login.token}))
@@ -103,9 +103,9 @@ class Web:
     async def _answer(self, request: Request, act: Callable[[Mapping[str, Any]], dict[str, Any]]) -> Response:
         if not self.login.may_change(request):
             return JSONResponse({"refused": "Sign in first."}, 401)
-        given = await _json(request)
+        content = await _json(request)
         try:
-            answer = await run_in_threadpool(act, given)
+            answer = await run_in_threadpool(act, content)
         except UppliedError as error:
             answer = {"refused": str(error)}
         return Response(json.dumps(pages.finite(answer), allow_nan=False), media_type="application/json")
@@ -119,14 +119,14 @@ async def _json(request: Request) -> dict[str, Any]:
     if not length.isdecimal() or not 0 < int(length) <= _MOST_BYTES:
         raise HTTPException(413, f"A request has 1 to {_MOST_BYTES} bytes.")
     try:
-        given = json.loads(await asyncio.wait_for(request.body(), _WAIT_S))
+        content = json.loads(await asyncio.wait_for(request.body(), _WAIT_S))
     except TimeoutError:
         raise HTTPException(408, "The request did not come in time.") from None
     except (ValueError, RecursionError):
-        given = None
-    if not isinstance(given, dict):
+        content = None
+    if not isinstance(content, dict):
         raise HTTPException(400, "The request is not a JSON object.")
-    return given
+    return content
 
 
 async def _refused(request: Request, error: Exception) -> Response:

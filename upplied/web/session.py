@@ -118,11 +118,11 @@ class Session:
     def _replan(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The other viewpoints planned again in the airspace of the request, with the fixed ones put back."""
         base, edit, airspace = self._read(request)
-        held, fixed = dict(edit.changed), request.get("fixed", [])
+        changes, fixed = dict(edit.changed), request.get("fixed", [])
         for at in fixed if isinstance(fixed, list) else []:
             if isinstance(at, int) and 0 <= at < len(base.viewpoints) and at not in edit.deleted:
-                held.setdefault(at, base.viewpoints[at])
-        fixed_edit = stored_edit(base.viewpoints, Edit(edit.deleted, held), airspace, True)
+                changes.setdefault(at, base.viewpoints[at])
+        fixed_edit = stored_edit(base.viewpoints, Edit(edit.deleted, changes), airspace, True)
         replanned, again = self.editing.replanned(airspace, fixed_edit)
         if len(self._bases) >= _MOST_BASES:
             rule = f"{_MOST_BASES} times at most"

@@ -37,9 +37,9 @@ def ways(surroundings: Surroundings | None = None, *boxes: tuple[Floats, Floats]
     unit = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
-    given = boxes or ((np.full(3, -5.0), np.full(3, 5.0)),)
-    vertices = np.vstack([low + unit * (np.asarray(high) - low) for low, high in given])
-    stacked = np.vstack([triangles + 8 * index for index in range(len(given))])
+    corners = boxes or ((np.full(3, -5.0), np.full(3, 5.0)),)
+    vertices = np.vstack([low + unit * (np.asarray(high) - low) for low, high in corners])
+    stacked = np.vstack([triangles + 8 * index for index in range(len(corners))])
     structure, scene = Structure("boxes", "box", vertices, stacked), Scene(vertices, stacked, 1)
     surface = surface_samples(structure, scene, CloudSettings(surface_samples=1200))
     return Ways(Airspace(scene, CLEARANCE, surroundings or Surroundings(), 1.0), surface)
@@ -88,9 +88,9 @@ def test_viewpoints_stay_viewpoints_in_their_order() -> None:
     path = waypoints(line([-20.0, 0.5, 0.2], [20, 0.5, 0.2], 5))
     routed = route(path, ways())
     assert routed.is_viewpoint.sum() == 5
-    kept = routed.positions[routed.is_viewpoint]
-    assert kept[[0, 1, 3, 4]] == pytest.approx(path.positions[[0, 1, 3, 4]], abs=1e-9)
-    assert (np.diff(kept[:, 0]) > 0).all()
+    viewpoints = routed.positions[routed.is_viewpoint]
+    assert viewpoints[[0, 1, 3, 4]] == pytest.approx(path.positions[[0, 1, 3, 4]], abs=1e-9)
+    assert (np.diff(viewpoints[:, 0]) > 0).all()
     assert routed.quat_xyzw[routed.is_viewpoint] == pytest.approx(path.quat_xyzw, abs=1e-9)
     assert np.linalg.norm(routed.quat_xyzw, axis=1) == pytest.approx(np.ones(len(routed)))
 
@@ -256,13 +256,13 @@ def test_legs_of_a_grid_through_a_fence_on_the_grid_agree_with_fractions(seed: i
     """Whole coordinates hit vertices and edges all the time; the oracle counts in exact fractions."""
     rng = np.random.default_rng(seed)
     start, end = rng.integers(0, 11, (2, 30, 2))
-    wanted = [
+    expected = [
         _leaves(NOTCHED.astype(int).tolist(), *ends)
         for ends in zip(start.tolist(), end.tolist(), strict=True)
     ]
     flat = np.zeros((30, 1))
-    found = crosses_fence(NOTCHED, np.hstack([start, flat]), np.hstack([end, flat]))
-    assert found.tolist() == wanted
+    actual = crosses_fence(NOTCHED, np.hstack([start, flat]), np.hstack([end, flat]))
+    assert actual.tolist() == expected
 
 
 def _leaves(polygon: list[list[int]], p: list[int], q: list[int]) -> bool:
@@ -329,9 +329,9 @@ def test_ways_lead_round_the_posts_of_a_fence_far_from_the_structure() -> None:
         [fence, [[-50, 190]], [[-60, 190]], [[-60, -10]], [[60, -10]], [[60, 190]], [[50, 190]]]
     )
     graph = ways(Surroundings(geofence_m=fence[[9, 11, 12, 13, 14, 1, 2, 3, 4, 5, 6, 7, 8]])).graph
-    found = way(graph, np.array([-40.0, 260, 0]), np.array([40.0, 260, 0]))
-    assert found is not None and not graph.airspace.broken(found).any()
-    length = np.linalg.norm(np.diff(found, axis=0), axis=1).sum()
+    path = way(graph, np.array([-40.0, 260, 0]), np.array([40.0, 260, 0]))
+    assert path is not None and not graph.airspace.broken(path).any()
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
     # Down to the notch's floor, along it, and up; the way is through places, and one may lie beside it.
     assert length < 1.1 * (2 * np.hypot(20, 50) + 40)
 

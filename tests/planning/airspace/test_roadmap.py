@@ -20,9 +20,9 @@ def cube(*boxes: tuple[float, float, float, float]) -> Scene:
     unit = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
-    given = boxes or ((0.0, 0.0, 0.0, 5.0),)
-    vertices = np.vstack([unit * half + [x, y, z] for x, y, z, half in given])
-    return Scene(vertices, np.vstack([triangles + 8 * index for index in range(len(given))]), 1)
+    cubes = boxes or ((0.0, 0.0, 0.0, 5.0),)
+    vertices = np.vstack([unit * half + [x, y, z] for x, y, z, half in cubes])
+    return Scene(vertices, np.vstack([triangles + 8 * index for index in range(len(cubes))]), 1)
 
 
 def surface(number: int = 5) -> Cloud:
@@ -38,8 +38,8 @@ def graph() -> Roadmap:
     return roadmap(Airspace(cube(), CLEARANCE, Surroundings()), surface())
 
 
-def has(places: Floats, wanted: Floats) -> bool:
-    return bool(np.linalg.norm(places - wanted, axis=1).min() < 1e-9)
+def has(places: Floats, place: Floats) -> bool:
+    return bool(np.linalg.norm(places - place, axis=1).min() < 1e-9)
 
 
 def test_places_and_edges_keep_the_rules_and_hang_together(graph: Roadmap) -> None:
@@ -145,20 +145,20 @@ def distances(graph: Roadmap, start: Ints, goal: Ints, ends: tuple[Floats, Float
 def test_a_way_is_free_and_no_longer_than_the_shortest_of_the_graph(graph: Roadmap, seed: int) -> None:
     rng = np.random.default_rng(seed)
     start, goal = np.array([-9.0, *rng.uniform(-3, 3, 2)]), np.array([9.0, *rng.uniform(-3, 3, 2)])
-    found = way(graph, start, goal)
-    assert found is not None
-    assert np.array_equal(found[0], start) and np.array_equal(found[-1], goal)
-    assert not graph.airspace.broken(found).any()
-    length = np.linalg.norm(np.diff(found, axis=0), axis=1).sum()
+    path = way(graph, start, goal)
+    assert path is not None
+    assert np.array_equal(path[0], start) and np.array_equal(path[-1], goal)
+    assert not graph.airspace.broken(path).any()
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
     known = distances(graph, links(graph, start), links(graph, goal), (start, goal))
     assert length <= known + 1e-9 and known < 2 * 9 + 15
-    assert len(shortened(found, graph.airspace)) == len(found)
+    assert len(shortened(path, graph.airspace)) == len(path)
 
 
 def test_the_straight_way_is_taken_where_it_is_free(graph: Roadmap) -> None:
     ends = np.array([[-9.0, 9, 0], [9, 9, 0]])
-    found = way(graph, *ends)
-    assert found is not None and np.array_equal(found, ends)
+    path = way(graph, *ends)
+    assert path is not None and np.array_equal(path, ends)
 
 
 def test_there_is_no_way_into_a_closed_room() -> None:
@@ -172,10 +172,10 @@ def test_there_is_no_way_into_a_closed_room() -> None:
 
 def test_links_are_the_free_ones_of_the_nearest(graph: Roadmap) -> None:
     at = np.array([9.0, 1, 1])
-    found = links(graph, at)
+    linked = links(graph, at)
     near = np.argsort(np.linalg.norm(graph.places - at, axis=1), kind="stable")[:56]
     legs = graph.airspace.broken_legs(np.tile(at, (len(near), 1)), graph.places[near])
-    assert sorted(found) == sorted(near[~legs])
+    assert sorted(linked) == sorted(near[~legs])
     empty = Roadmap(np.empty((0, 3)), *np.empty((2, 0), np.int64), np.empty(0), graph.airspace)
     assert len(links(empty, at)) == 0
 
@@ -193,6 +193,6 @@ def test_patches_that_stand_apart_are_joined_by_long_edges() -> None:
     grid = np.array(list(itertools.product(np.linspace(-0.9, 0.9, 6), repeat=2)))
     tops = [np.column_stack([grid[:, 0] + x, grid[:, 1], np.ones(36)]) for x in (0.0, 300.0)]
     cloud = Cloud(np.vstack(tops), np.tile([0.0, 0, 1], (72, 1)))
-    found = roadmap(Airspace(scene, CLEARANCE, Surroundings()), cloud)
-    assert found.places[:, 0].min() < 1 and found.places[:, 0].max() > 299
-    assert way(found, np.array([0.0, 0, -4]), np.array([300.0, 0, -4])) is not None
+    graph = roadmap(Airspace(scene, CLEARANCE, Surroundings()), cloud)
+    assert graph.places[:, 0].min() < 1 and graph.places[:, 0].max() > 299
+    assert way(graph, np.array([0.0, 0, -4]), np.array([300.0, 0, -4])) is not None

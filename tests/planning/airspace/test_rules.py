@@ -25,9 +25,9 @@ def test_limits_themselves_are_allowed() -> None:
     at = np.array([[-5.0, 0, 2.5], [-5, 0, 2.49], [-5, 0, 12], [-5, 0, 12.01], [2, 0, 5], [2.01, 0, 5],
                    [6, 0, 5], [5, 3, 5], [4, 0, 9], [4, 0, 4], [4, 0, 8.99], [19.9, 0, 5],
                    [20, 0, 5]])  # fmt: skip
-    wanted = [True, False, True, False, True, False, True, True, True, True, False, True, False]
-    assert rules.in_bounds(at).tolist() == wanted
-    assert rules.allowed(at).tolist() == wanted
+    expected = [True, False, True, False, True, False, True, True, True, True, False, True, False]
+    assert rules.in_bounds(at).tolist() == expected
+    assert rules.allowed(at).tolist() == expected
 
 
 def test_the_safety_distance_itself_is_allowed() -> None:
@@ -78,9 +78,9 @@ def test_a_segment_enters_a_box_where_some_of_it_is_inside(seed: int) -> None:
     start[:20, rng.integers(0, 3)] = end[:20, 0]
     end[:20, :2] = start[:20, :2]  # upright
     end[20:30, 1:] = start[20:30, 1:]
-    found = crosses_box(start, end, low, high)
-    assert found.tolist() == [inside_somewhere(a, b, low, high) for a, b in zip(start, end, strict=True)]
-    assert found.any() and not found.all()
+    crossings = crosses_box(start, end, low, high)
+    assert crossings.tolist() == [inside_somewhere(a, b, low, high) for a, b in zip(start, end, strict=True)]
+    assert crossings.any() and not crossings.all()
 
 
 def test_a_segment_along_a_face_or_up_to_it_enters_nothing() -> None:

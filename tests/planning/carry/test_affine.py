@@ -18,17 +18,17 @@ def rng():
 def test_a_scaled_structure_carries_points_by_its_scale(rng, carrier):
     points = rng.normal(size=(200, 3)) * [10, 4, 2]
     scale, shift = np.array([1.7, 2.0, 0.6]), np.array([5.0, -3, 1])
-    found = carrier(Cloud(points), Cloud(points * scale + shift))
+    affine = carrier(Cloud(points), Cloud(points * scale + shift))
     cameras = rng.normal(size=(20, 3)) * 20
-    np.testing.assert_allclose(found.points(cameras), cameras * scale + shift, atol=1e-9)
+    np.testing.assert_allclose(affine.points(cameras), cameras * scale + shift, atol=1e-9)
 
 
 @pytest.mark.parametrize("carrier", [zscore_map, box_map])
 def test_a_flat_structure_is_not_scaled_along_its_thin_axis(rng, carrier):
     flat = rng.normal(size=(100, 3)) * [3, 3, 0]
-    found = carrier(Cloud(flat), Cloud(flat * 2))
-    assert np.isfinite(found.points(rng.normal(size=(5, 3)))).all()
-    assert found.matrix[2, 2] == 1
+    affine = carrier(Cloud(flat), Cloud(flat * 2))
+    assert np.isfinite(affine.points(rng.normal(size=(5, 3)))).all()
+    assert affine.matrix[2, 2] == 1
 
 
 def test_zscore_keeps_standard_scores(rng):
@@ -41,7 +41,7 @@ def test_zscore_keeps_standard_scores(rng):
 
 
 def test_the_registered_map_inverts_the_registration(rng):
-    found = Registration(
+    registration = Registration(
         scale=np.array([0.5, 2.0, 1.5]),
         rotation=Rotation.random(rng=rng).as_matrix(),
         translation=rng.normal(size=3),
@@ -49,8 +49,10 @@ def test_the_registered_map_inverts_the_registration(rng):
         accepted=True,
     )
     points = rng.normal(size=(30, 3))
-    np.testing.assert_allclose(registered_map(found).points(found.to_demo(points)), points, atol=1e-9)
-    np.testing.assert_allclose(found.to_target(found.to_demo(points)), points, atol=1e-9)
+    np.testing.assert_allclose(
+        registered_map(registration).points(registration.to_demo(points)), points, atol=1e-9
+    )
+    np.testing.assert_allclose(registration.to_target(registration.to_demo(points)), points, atol=1e-9)
 
 
 def test_no_scaling_leaves_orientations_alone_even_with_roll(rng):

@@ -28,25 +28,25 @@ def take(preset: str) -> Take:
 
 
 def carried(preset: str) -> Carried:
-    (found,) = carry([take(preset)], settings_for(preset))
-    return found
+    (result,) = carry([take(preset)], settings_for(preset))
+    return result
 
 
 @pytest.mark.ci
 def test_a_whole_flight_is_carried_with_what_it_is_to_show() -> None:
-    found, flight = carried("recommended"), take("recommended").inspection.flight
-    assert found.goal is not None and len(found.path) == len(flight) == len(found.goal.flown)
+    result, flight = carried("recommended"), take("recommended").inspection.flight
+    assert result.goal is not None and len(result.path) == len(flight) == len(result.goal.flown)
     fit = take("recommended").pair.surface
-    assert found.goal.flown == pytest.approx(registered_map(fit.registration).points(flight.positions))
-    assert found.goal.inspected.need.shape == (len(fit.target),)
-    assert np.array_equal(found.path.t_s, flight.t_s) and found.path.is_viewpoint.any()
+    assert result.goal.flown == pytest.approx(registered_map(fit.registration).points(flight.positions))
+    assert result.goal.inspected.need.shape == (len(fit.target),)
+    assert np.array_equal(result.path.t_s, flight.t_s) and result.path.is_viewpoint.any()
 
 
 def test_the_simple_ways_are_carried_beside_it() -> None:
     """As the boxes' ratio maps the flight, and of its own size about what it is to inspect."""
-    found, fit = carried("recommended"), take("recommended").pair.surface
+    result, fit = carried("recommended"), take("recommended").pair.surface
     flight = take("recommended").inspection.flight
-    boxed, rigid = found.others
+    boxed, rigid = result.others
     ratio = np.ptp(fit.target.points, axis=0) / np.ptp(fit.source.points, axis=0)
     low = fit.target.points.min(axis=0), fit.source.points.min(axis=0)
     np.testing.assert_allclose(boxed.positions, low[0] + ratio * (flight.positions - low[1]), atol=1e-6)
@@ -76,8 +76,8 @@ def test_a_part_that_lies_elsewhere_is_followed() -> None:
 
 @pytest.mark.parametrize("preset", ["paper", "baseline"])
 def test_published_viewpoints_are_carried_without_a_goal(preset: str) -> None:
-    found, viewpoints = carried(preset), take(preset).inspection.viewpoints
-    assert found.goal is None and len(found.path) == len(viewpoints) and found.path.is_viewpoint.all()
+    result, viewpoints = carried(preset), take(preset).inspection.viewpoints
+    assert result.goal is None and len(result.path) == len(viewpoints) and result.path.is_viewpoint.all()
 
 
 def test_what_is_seen_cannot_be_shown_where_nothing_occludes() -> None:
@@ -95,13 +95,13 @@ def test_a_flight_is_refused_where_too_much_of_it_has_no_counterpart(
     without: float, least: float, refused: bool
 ):
     cloud = Cloud(np.zeros((1, 3)))
-    wanted = InspectedSurface(cloud, np.array([100 - without]), np.ones(1), without)
+    surface = InspectedSurface(cloud, np.array([100 - without]), np.ones(1), without)
     settings = settings_for("recommended", refine={"least_counterpart": least})
     if refused:
         with pytest.raises(RefusedError, match=r"50 % of it has no counterpart.*at least 50 %"):
-            _refuse_without_counterpart(wanted, settings)
+            _refuse_without_counterpart(surface, settings)
     else:
-        _refuse_without_counterpart(wanted, settings)
+        _refuse_without_counterpart(surface, settings)
     _refuse_without_counterpart(
         InspectedSurface(cloud, np.zeros(1), np.ones(1), 0.0), settings
     )  # about nothing

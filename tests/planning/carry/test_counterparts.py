@@ -42,15 +42,15 @@ def scan(b747):
     return one_piece(b747)
 
 
-def asked_for(**asked):
-    return settings_for("recommended", correspondence=asked)
+def asked_for(**choices):
+    return settings_for("recommended", correspondence=choices)
 
 
-def answers(flight, source, target, **asked):
-    settings = asked_for(**asked)
+def answers(flight, source, target, **choices):
+    settings = asked_for(**choices)
     takes = takes_of(flight, study_pair(source, target, settings), settings)
-    found = counterparts_of(takes, settings)
-    return takes, found, undecided(found, settings)
+    counterparts = counterparts_of(takes, settings)
+    return takes, counterparts, undecided(counterparts, settings)
 
 
 def true_names(structure_id, structure, points):
@@ -65,9 +65,9 @@ def test_the_scan_is_one_piece(scan):
 
 @pytest.mark.ci
 def test_every_engine_of_a_scan_is_found_and_flown(a320, engine, scan):
-    takes, found, refused = answers(engine, a320, scan, repeat="each", expect=4)
-    assert not refused and not doubts(found)
-    assert [(one.found, len(one.flown), one.left_out) for one in found] == [(4, 2, ())] * 2
+    takes, counterparts, refused = answers(engine, a320, scan, repeat="each", expect=4)
+    assert not refused and not doubts(counterparts)
+    assert [(one.found, len(one.flown), one.left_out) for one in counterparts] == [(4, 2, ())] * 2
     flown = []
     for take in takes:
         cloud = take.pair.surface.target
@@ -83,10 +83,10 @@ def test_every_engine_of_a_scan_is_found_and_flown(a320, engine, scan):
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("meant", "engine_meant"), [("engine_left_outer", "engine_left_outer"), ("inner", "engine_left")]
+    ("place", "engine_meant"), [("engine_left_outer", "engine_left_outer"), ("inner", "engine_left")]
 )
-def test_the_named_engine_of_a_scan_is_flown(a320, engine, scan, meant, engine_meant):
-    (take,), _, refused = answers(engine, a320, scan, counterparts=(("engine_left", meant),))
+def test_the_named_engine_of_a_scan_is_flown(a320, engine, scan, place, engine_meant):
+    (take,), _, refused = answers(engine, a320, scan, counterparts=(("engine_left", place),))
     assert not refused
     fit = take.pair.surface
     inspected = (take.inspection.attention.weight > 0.5) & (fit.correspondences.target_index >= 0)
@@ -105,13 +105,13 @@ def test_a_flight_round_a_scan_is_carried_to_a_model(scan, a320):
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    "asked", [{}, {"repeat": "each"}, {"counterparts": (("engine_left", "engine_left_outer"),)}]
+    "choices", [{}, {"repeat": "each"}, {"counterparts": (("engine_left", "engine_left_outer"),)}]
 )
-def test_an_engine_among_others_that_nothing_tells_apart_is_refused_with_the_reason(a320, scan, asked):
+def test_an_engine_among_others_that_nothing_tells_apart_is_refused_with_the_reason(a320, scan, choices):
     """Both structures are of one piece: what lies nearest to the engine may be another one."""
     source = one_piece(a320)
     flight = fly(source, "engine_left", seed=2)
-    plan = plan_transfer(flight, source, scan, asked_for(**asked))
+    plan = plan_transfer(flight, source, scan, asked_for(**choices))
     assert plan.status == "refused" and plan.trajectory is None
     assert "engine_left=" in plan.reason or "cannot be distinguished" in plan.reason
 
@@ -119,8 +119,8 @@ def test_an_engine_among_others_that_nothing_tells_apart_is_refused_with_the_rea
 @pytest.mark.ci
 def test_wings_that_were_inspected_both_are_flown_between_structures_of_one_piece(a320, scan):
     source = one_piece(a320)
-    (take,), found, refused = answers(fly(source, "wings", seed=2), source, scan)
-    assert not refused and any("its surface is one piece" in doubt for doubt in doubts(found))
+    (take,), counterparts, refused = answers(fly(source, "wings", seed=2), source, scan)
+    assert not refused and any("its surface is one piece" in doubt for doubt in doubts(counterparts))
     fit = take.pair.surface
     inspected = (take.inspection.attention.weight > 0.5) & (fit.correspondences.target_index >= 0)
     there = true_names("b747-v1", scan, fit.correspondences.target_points[inspected])
@@ -147,16 +147,16 @@ def test_wings_that_were_modelled_as_one_with_the_fuselage_are_found_on_the_targ
     corner = of.structure.triangles[:, 0]
     edges = [[corner[body], corner[wing], corner[wing]] for wing in wings]
     target = replace(of.structure, triangles=np.vstack([of.structure.triangles, edges]), sha256="")
-    _, found, refused = answers(fly(a320, "wings", seed=2), a320, target)
-    assert not refused and min(one.probability for one in found[:2]) > 0.9
-    assert len({part for one in found[:2] for part in one.flown}) == 2
+    _, counterparts, refused = answers(fly(a320, "wings", seed=2), a320, target)
+    assert not refused and min(one.probability for one in counterparts[:2]) > 0.9
+    assert len({part for one in counterparts[:2] for part in one.flown}) == 2
 
 
 def test_what_has_no_like_is_told_by_its_name(a320, scan):
     source = one_piece(a320)
-    _, found, _ = answers(fly(source, "fuselage", seed=2), source, scan)
-    doubted = [one.part for one in found if one.doubt]
-    assert doubted and all(any(part in text for text in doubts(found)) for part in doubted)
+    _, counterparts, _ = answers(fly(source, "fuselage", seed=2), source, scan)
+    doubted = [one.part for one in counterparts if one.doubt]
+    assert doubted and all(any(part in text for text in doubts(counterparts)) for part in doubted)
 
 
 @pytest.mark.slow
@@ -166,7 +166,7 @@ def test_what_has_no_like_is_flown_with_a_warning_that_names_it(a320, scan):
     doubted = [one.part for one in plan.counterparts if one.doubt]
     assert doubted
     if plan.status == "ok":
-        assert all(any(part in said for said in plan.warnings) for part in doubted)
+        assert all(any(part in warning for warning in plan.warnings) for part in doubted)
 
 
 def test_each_found_engine_is_told_and_counted(a320, engine, b747):
@@ -193,8 +193,8 @@ def test_how_many_are_expected_is_a_number():
 
 @pytest.mark.ci
 def test_both_wings_are_flown_and_none_is_left_out(a320):
-    _, found, _ = answers(fly(a320, "wings", seed=2), a320, member("b777-v1").structure)
-    assert [(one.found, len(one.flown), one.left_out) for one in found] == [(2, 1, ())] * 2
+    _, counterparts, _ = answers(fly(a320, "wings", seed=2), a320, member("b777-v1").structure)
+    assert [(one.found, len(one.flown), one.left_out) for one in counterparts] == [(2, 1, ())] * 2
 
 
 @pytest.mark.ci
@@ -208,15 +208,17 @@ def test_engines_of_a_side_that_was_never_scanned_are_not_passed_over(a320, engi
     b777 = member("b777-v1").structure
     left = b777.vertices[b777.triangles].mean(axis=1)[:, 1] > 6.0
     cut = replace(b777, triangles=b777.triangles[~left], sha256="")
-    _, found, refused = answers(engine, a320, cut, repeat="each")
+    _, counterparts, refused = answers(engine, a320, cut, repeat="each")
     assert "no part like" in refused and "on its side of b777-v1" in refused
-    assert any(one.found == 0 and one.doubt for one in found)
+    assert any(one.found == 0 and one.doubt for one in counterparts)
 
 
 @pytest.mark.ci
 def test_a_flight_that_shows_every_pier_is_not_repeated_at_each():
     bridge = member("bridge-1-v1").structure
     flight = fly(bridge, "piers", seed=2)
-    takes, found, refused = answers(flight, bridge, member("bridge-2-v1").structure, repeat="each", expect=2)
+    takes, counterparts, refused = answers(
+        flight, bridge, member("bridge-2-v1").structure, repeat="each", expect=2
+    )
     assert len(takes) == 1 and not refused
-    assert [len(one.flown) for one in found] == [1, 1]
+    assert [len(one.flown) for one in counterparts] == [1, 1]

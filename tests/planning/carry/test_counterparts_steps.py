@@ -76,14 +76,14 @@ def take(
         target=SimpleNamespace(structure_id="there"),
         missing=missing,
     )
-    made = SimpleNamespace(
+    record = SimpleNamespace(
         pair=pair,
         weight=np.ones(len(source)) if weight is None else weight,
         stretch=source.part if skin is None else skin,
         part=part,
         choice=choice,
     )
-    return cast(Attended, made)
+    return cast(Attended, record)
 
 
 def flown(*attended: Attended) -> list[Take]:
@@ -105,13 +105,13 @@ def test_two_takes_of_one_part_are_told_together() -> None:
 
 def test_what_another_take_flies_is_not_left_out() -> None:
     other = replace(ONE, flown=("b",), left_out=("a", "d"))
-    found = _without_flown([ONE, other], SETTINGS)
-    assert [one.left_out for one in found] == [
+    actual = _without_flown([ONE, other], SETTINGS)
+    assert [one.left_out for one in actual] == [
         ("c: not requested (--repeat each)",), ("d: not requested (--repeat each)",)
     ]  # fmt: skip
     each = settings_for("recommended", correspondence={"repeat": "mirror"})
-    (said,) = _without_flown([ONE], each)[0].left_out[1:]
-    assert said == "c: --repeat mirror flies what lies as the demonstrated part"
+    (sentence,) = _without_flown([ONE], each)[0].left_out[1:]
+    assert sentence == "c: --repeat mirror flies what lies as the demonstrated part"
 
 
 @pytest.mark.parametrize(
@@ -170,19 +170,19 @@ def test_what_was_never_scanned_of_a_part_is_said_in_percent_and_where_the_scan_
     sides = side(SOURCE), side(SOURCE)
     match = known.pair.surface.correspondences
     match.target_index[gone.beyond] = -1
-    found = [_counterpart(known, part, 0.5, *sides, SETTINGS) for part in range(3)]
+    actual = [_counterpart(known, part, 0.5, *sides, SETTINGS) for part in range(3)]
     share = SOURCE.areas[gone.beyond].sum() / SOURCE.areas[left].sum()
-    assert found[1].never_scanned_pct == pytest.approx(100 * share, abs=0.01) and found[1].open == ()
-    assert found[2].never_scanned_pct == 0 and found[2].open == found[2].flown and number[2] > 6
-    assert found[0].never_scanned_pct == 0 and found[0].open == ()
-    assert not doubts(found)
-    said = missing_of(found)
-    assert len(said) == 2 and found[1].part in said[0] and "was never scanned" in said[0]
-    assert found[2].part in said[1] and "the scan ends on part_2" in said[1]
+    assert actual[1].never_scanned_pct == pytest.approx(100 * share, abs=0.01) and actual[1].open == ()
+    assert actual[2].never_scanned_pct == 0 and actual[2].open == actual[2].flown and number[2] > 6
+    assert actual[0].never_scanned_pct == 0 and actual[0].open == ()
+    assert not doubts(actual)
+    sentences = missing_of(actual)
+    assert len(sentences) == 2 and actual[1].part in sentences[0] and "was never scanned" in sentences[0]
+    assert actual[2].part in sentences[1] and "the scan ends on part_2" in sentences[1]
     # What has a counterpart all the same, since it is flown elsewhere, is not missing.
     match.target_index[gone.beyond] = 0
     assert _counterpart(known, 1, 0.5, *sides, SETTINGS).never_scanned_pct == 0
-    both = _both(found[1], replace(found[1], never_scanned_pct=90.0, open=("part_9 (low)",)))
+    both = _both(actual[1], replace(actual[1], never_scanned_pct=90.0, open=("part_9 (low)",)))
     assert both.never_scanned_pct == 90 and both.open == ("part_9 (low)",)
 
 
@@ -246,9 +246,9 @@ def test_what_was_inspected_of_one_piece_is_one_and_no_twin_of_itself() -> None:
     ):
         whole, shown = replace(cloud, part=np.zeros(len(cloud), np.int64)), cloud.part >= least
         flight = take(whole, source=whole, skin=cloud.part, weight=shown.astype(float), missing=missing)
-        found = _counterpart(flight, 2, 0.5, side(cloud, pieces=False), side(whole, pieces=False), SETTINGS)
-        assert found.twins == twins and "its surface is one piece" in found.doubt
-        assert bool(undecided([found], SETTINGS)) == bool(twins)
+        actual = _counterpart(flight, 2, 0.5, side(cloud, pieces=False), side(whole, pieces=False), SETTINGS)
+        assert actual.twins == twins and "its surface is one piece" in actual.doubt
+        assert bool(undecided([actual], SETTINGS)) == bool(twins)
 
 
 def test_a_stretch_of_one_piece_is_flown_where_most_of_it_lies_if_that_is_like_it() -> None:
@@ -259,28 +259,28 @@ def test_a_stretch_of_one_piece_is_flown_where_most_of_it_lies_if_that_is_like_i
         few = round(share * len(mine))
         index[mine[:few]] = np.flatnonzero(SOURCE.part == 2)[0]
         index[mine[few:]] = np.flatnonzero(SOURCE.part == 0)[0]
-        found = _counterpart(pod, 1, 1.0, side(SOURCE, pieces=False), side(SOURCE), SETTINGS)
-        assert [name[:6] for name in found.flown] == flown_to and "no part of it was matched" in found.doubt
-    lone = replace(found, twins=0, found=1)
+        actual = _counterpart(pod, 1, 1.0, side(SOURCE, pieces=False), side(SOURCE), SETTINGS)
+        assert [name[:6] for name in actual.flown] == flown_to and "no part of it was matched" in actual.doubt
+    lone = replace(actual, twins=0, found=1)
     assert undecided([lone], SETTINGS) and not undecided([replace(lone, flown=("part_2",))], SETTINGS)
 
 
 def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Probabilities by the target's part, and of another of its kind beside a chosen one; who is asked."""
-    asked: list[Any] = []
+    calls: list[Any] = []
     monkeypatch.setattr(
         probabilities,
         "evidence_of_counterpart",
-        lambda *given: asked.append(given[3:6]) or ("answer", given[3]),
+        lambda *arguments: calls.append(arguments[3:6]) or ("answer", arguments[3]),
     )
-    monkeypatch.setattr(counterparts, "evidence_of_same_kind", lambda *given: ("other", given[1:3]))
-    monkeypatch.setattr(probabilities, "probability", lambda found, *_: of[found[1][0]])
-    monkeypatch.setattr(counterparts, "probability", lambda found, _: others)
-    return asked
+    monkeypatch.setattr(counterparts, "evidence_of_same_kind", lambda *arguments: ("other", arguments[1:3]))
+    monkeypatch.setattr(probabilities, "probability", lambda evidence, *_: of[evidence[1][0]])
+    monkeypatch.setattr(counterparts, "probability", lambda evidence, _: others)
+    return calls
 
 
 def test_the_probability_of_a_chosen_part_is_that_of_any_of_its_kind(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = certain({1: 0.3, 2: 0.8, 3: 0.9}, 0.5, monkeypatch)
+    calls = certain({1: 0.3, 2: 0.8, 3: 0.9}, 0.5, monkeypatch)
     pinned = settings_for("recommended", correspondence={"counterparts": (("a", "b"),)})
     assert _probability(take(), 1, [1], [1, 2, 3], SETTINGS) == 0.3
     assert _probability(take(), 1, [1], [1, 2, 3], pinned) == 0.45
@@ -289,10 +289,10 @@ def test_the_probability_of_a_chosen_part_is_that_of_any_of_its_kind(monkeypatch
     assert _probability(take(choice=1), 1, [2], [1, 2], SETTINGS) == 0.8  # its own is more
     assert _probability(take(choice=1), 1, [1, 2], [1, 2, 3], SETTINGS) == 0.3
     assert _probability(take(carried=False), 1, [1], [1], SETTINGS) is None
-    asked.clear()
+    calls.clear()
     for inferred, known in ((-1, False), (0, True), (1, True)):
         _probability(take(inferred=inferred), 1, [1], [1], SETTINGS)
-        assert asked.pop() == ([1], 0.4, known)
+        assert calls.pop() == ([1], 0.4, known)
 
 
 def within(inspected: list[int], weight: float = 1.0, places: list[Any] | None = None, part: int = 0) -> int:
@@ -390,15 +390,15 @@ def test_a_side_for_which_nothing_is_flown_is_told_where_nothing_could_be_repeat
 def test_the_most_inspected_part_comes_first() -> None:
     weight = np.repeat([0.0, 0.4, 1.0], 60)
     own = take(weight=weight, skin=SOURCE.part, carried=False)
-    found = counterparts_of(flown(own), SETTINGS)
-    assert [one.part[:6] for one in found] == ["part_2", "part_1"]
-    assert [one.inspected_pct for one in found] == pytest.approx([100 / 1.4, 40 / 1.4], abs=0.01)
+    actual = counterparts_of(flown(own), SETTINGS)
+    assert [one.part[:6] for one in actual] == ["part_2", "part_1"]
+    assert [one.inspected_pct for one in actual] == pytest.approx([100 / 1.4, 40 / 1.4], abs=0.01)
     only = take(weight=weight, skin=SOURCE.part, carried=False, part=1, choice=1)
     assert [one.part[:6] for one in counterparts_of(flown(only), SETTINGS)] == ["part_1"]
     assert counterparts_of(flown(own), settings_for("paper")) == ()
     each = settings_for("recommended", correspondence={"repeat": "each"})
-    told = counterparts_of(flown(only), each)
-    assert [one.part[:6] for one in told] == ["part_2", "part_1"] and told[0].doubt
+    actual = counterparts_of(flown(only), each)
+    assert [one.part[:6] for one in actual] == ["part_2", "part_1"] and actual[0].doubt
     second = take(weight=weight, skin=SOURCE.part, part=1, choice=2, carried=False)
     twice = counterparts_of(flown(only, second), SETTINGS)
     assert len(twice) == 1 and len(twice[0].flown) == 2 and twice[0].left_out == ()
@@ -408,9 +408,9 @@ def test_one_part_of_the_target_is_not_flown_for_two_of_the_source() -> None:
     left = replace(ONE, part="part_1 (left)", flown=("part_7 (left)", "part_5 (low)"))
     right = replace(ONE, part="part_2 (right)", flown=("part_6 (right)", "part_5 (low)"))
     other = replace(ONE, part="part_3", flown=("part_8",))
-    found = _no_part_twice({one.part: one for one in (left, right, other)}, "there")
-    said = "part_5 (low) of there is taken for several parts of the source"
-    assert [one.doubt for one in found.values()] == [said, said, ""]
+    actual = _no_part_twice({one.part: one for one in (left, right, other)}, "there")
+    sentence = "part_5 (low) of there is taken for several parts of the source"
+    assert [one.doubt for one in actual.values()] == [sentence, sentence, ""]
     known = {"a": replace(left, doubt="known before"), "b": right}
     assert _no_part_twice(known, "there")["a"].doubt == "known before"
     apart = {"a": left, "b": replace(right, flown=("part_6 (right)",))}

@@ -36,10 +36,10 @@ def likely(source: Structure, target: Structure, inspection: str) -> float:
 
 def without(name: str, parts: tuple[str, ...]) -> Structure:
     """A sample structure that lacks some parts."""
-    made = member(name)
-    gone = [number for number, part in enumerate(made.part_names) if part.startswith(parts)]
-    kept = ~np.isin(made.part_of_triangle, gone)
-    return stamped(replace(made.structure, triangles=made.structure.triangles[kept]))
+    whole = member(name)
+    gone = [number for number, part in enumerate(whole.part_names) if part.startswith(parts)]
+    rest = ~np.isin(whole.part_of_triangle, gone)
+    return stamped(replace(whole.structure, triangles=whole.structure.triangles[rest]))
 
 
 @pytest.mark.slow

@@ -29,32 +29,32 @@ def scene(seed, scale=(1.0, 1.0, 1.0), count=120):
 
 def test_the_right_place_is_a_fixed_point():
     source, target, pairs, view, right = scene(0, (2.0, 0.7, 1.4))
-    found = gauss_newton(right, view, source, target, pairs, RefineSettings())
-    np.testing.assert_allclose(found, right, atol=1e-8)
+    actual = gauss_newton(right, view, source, target, pairs, RefineSettings())
+    np.testing.assert_allclose(actual, right, atol=1e-8)
 
 
 def test_a_start_that_is_off_comes_back():
     for seed in range(5):
         source, target, pairs, view, right = scene(seed, (2.0, 0.7, 1.4))
         start = right + np.random.default_rng(seed).normal(size=(1, 3))
-        found = gauss_newton(start, view, source, target, pairs, RefineSettings(iterations=50))
-        np.testing.assert_allclose(found, right, atol=1e-6)
+        actual = gauss_newton(start, view, source, target, pairs, RefineSettings(iterations=50))
+        np.testing.assert_allclose(actual, right, atol=1e-6)
 
 
 def test_with_wrong_counterparts_it_finds_the_least_squares_answer():
     source, target, pairs, view, right = scene(2)
     shuffled = Cloud(target.points + np.random.default_rng(9).normal(size=target.points.shape) * 0.3)
-    found = gauss_newton(right, view, source, shuffled, pairs, RefineSettings(iterations=100))
+    actual = gauss_newton(right, view, source, shuffled, pairs, RefineSettings(iterations=100))
     sigma_d = source.points.std(axis=0)
     mean_t, sigma_t = shuffled.points.mean(axis=0), shuffled.points.std(axis=0)
-    wanted = np.linalg.norm((source.points - view.positions[0]) / sigma_d, axis=1)
+    distance = np.linalg.norm((source.points - view.positions[0]) / sigma_d, axis=1)
     standard = (shuffled.points - mean_t) / sigma_t
 
     def residual(camera):
-        return np.linalg.norm(standard - camera, axis=1) - wanted
+        return np.linalg.norm(standard - camera, axis=1) - distance
 
     answer = least_squares(residual, (right[0] - mean_t) / sigma_t, xtol=1e-14, ftol=1e-14).x
-    np.testing.assert_allclose((found[0] - mean_t) / sigma_t, answer, atol=1e-5)
+    np.testing.assert_allclose((actual[0] - mean_t) / sigma_t, answer, atol=1e-5)
 
 
 def test_a_viewpoint_that_sees_too_little_stays():
@@ -74,25 +74,25 @@ def by_hand(start, view, source, target, pairs, iterations):
         return cloud.points.mean(axis=0), np.where(sigma > 1e-9 * sigma.max(), sigma, 1.0)
 
     (mean_d, sigma_d), (mean_t, sigma_t) = scored(source), scored(target)
-    found = start.copy()
+    poses = start.copy()
     for row in range(len(start)):
         seen = view.seen[row] & (pairs.target_index >= 0)
         if seen.sum() < 3:
             continue
         there = (target.points[pairs.target_index[seen]] - mean_t) / sigma_t
         camera = (view.positions[row] - mean_d) / sigma_d
-        wanted = np.linalg.norm((source.points[seen] - mean_d) / sigma_d - camera, axis=1)
+        goal = np.linalg.norm((source.points[seen] - mean_d) / sigma_d - camera, axis=1)
         here = (start[row] - mean_t) / sigma_t
         tried = []
         for _ in range(iterations + 1):
             ray = here - there
             distance = np.linalg.norm(ray, axis=1)
-            residual = distance - wanted
+            residual = distance - goal
             tried.append((residual @ residual, here))
             here = here - np.linalg.lstsq(ray / distance[:, None], residual, rcond=1e-6)[0]
         best = min(tried, key=lambda each: each[0])[1]
-        found[row] = best * sigma_t + mean_t
-    return found
+        poses[row] = best * sigma_t + mean_t
+    return poses
 
 
 def views(seed, count=40, number=6):
@@ -117,20 +117,20 @@ def views(seed, count=40, number=6):
 @pytest.mark.parametrize("iterations", [1, 3, 8])
 def test_viewpoints_are_refined_as_the_equation_says(seed, iterations):
     source, target, pairs, view, start = views(seed)
-    found = gauss_newton(start, view, source, target, pairs, RefineSettings(iterations=iterations))
+    actual = gauss_newton(start, view, source, target, pairs, RefineSettings(iterations=iterations))
     np.testing.assert_allclose(
-        found, by_hand(start, view, source, target, pairs, iterations), rtol=1e-6, atol=1e-6
+        actual, by_hand(start, view, source, target, pairs, iterations), rtol=1e-6, atol=1e-6
     )
-    assert np.array_equal(found[0], start[0])
-    assert iterations < 3 or not np.array_equal(found[1], start[1])
+    assert np.array_equal(actual[0], start[0])
+    assert iterations < 3 or not np.array_equal(actual[1], start[1])
 
 
 def test_points_in_a_plane_run_nobody_off():
     source, target, pairs, view, start = views(7)
     flat = Cloud(source.points * [1, 1, 0]), Cloud(target.points * [1, 1, 0])
-    found = gauss_newton(start, view, *flat, pairs, RefineSettings(iterations=8))
-    np.testing.assert_allclose(found, by_hand(start, view, *flat, pairs, 8), rtol=1e-5, atol=1e-5)
-    assert np.abs(found).max() < 100
+    actual = gauss_newton(start, view, *flat, pairs, RefineSettings(iterations=8))
+    np.testing.assert_allclose(actual, by_hand(start, view, *flat, pairs, 8), rtol=1e-5, atol=1e-5)
+    assert np.abs(actual).max() < 100
 
 
 @pytest.mark.parametrize(("ratio", "determined"), [(1.5e-6, True), (0.7e-6, False)])
@@ -139,7 +139,7 @@ def test_directions_that_the_points_hardly_determine_are_left_as_they_are(ratio,
     turn, off = np.arange(8) * np.pi / 4, ratio / np.sqrt(2)
     height = off * (-1.0) ** np.arange(8)
     points = np.column_stack([np.cos(turn), np.sin(turn), height])
-    wanted = np.linalg.norm(points, axis=1) + 1e-7 * height
-    found = _solve(np.zeros(3), points, wanted, 1)
-    assert found[2] == pytest.approx(-1e-7 if determined else 0.0, rel=0.02, abs=1e-12)
-    assert np.abs(found[:2]).max() < 1e-10
+    distance = np.linalg.norm(points, axis=1) + 1e-7 * height
+    step = _solve(np.zeros(3), points, distance, 1)
+    assert step[2] == pytest.approx(-1e-7 if determined else 0.0, rel=0.02, abs=1e-12)
+    assert np.abs(step[:2]).max() < 1e-10

@@ -21,34 +21,36 @@ SEEN = Views(STATIONS, np.array([[1, 1, 0, 1, 0], [1, 0, 1, 1, 0]], bool))
 
 
 def test_need_is_the_area_that_answers() -> None:
-    found = inspected_surface(HERE, THERE, PAIRS, SEEN)
-    assert found.need.tolist() == [3, 0, 3] and found.without == 4 and found.whole == 10
-    assert found.without_pct == 40
+    surface = inspected_surface(HERE, THERE, PAIRS, SEEN)
+    assert surface.need.tolist() == [3, 0, 3] and surface.without == 4 and surface.whole == 10
+    assert surface.without_pct == 40
     near = [3.0, np.sqrt(10), 4.0]
-    assert found.standoff_m[[0, 2]] == pytest.approx([(1 * near[0] + 2 * near[1]) / 3, near[2]])
-    assert np.isnan(found.standoff_m[1]) and found.cloud is THERE
+    assert surface.standoff_m[[0, 2]] == pytest.approx([(1 * near[0] + 2 * near[1]) / 3, near[2]])
+    assert np.isnan(surface.standoff_m[1]) and surface.cloud is THERE
 
 
 def test_weights_and_carried_distances_count() -> None:
     weight = np.array([0.5, 1, 0, 1, 1])
-    found = inspected_surface(HERE, THERE, PAIRS, SEEN, np.diag([1.0, 2.0, 3.0]), weight)
-    assert found.need.tolist() == [2.5, 0, 0] and found.without == 4
+    surface = inspected_surface(HERE, THERE, PAIRS, SEEN, np.diag([1.0, 2.0, 3.0]), weight)
+    assert surface.need.tolist() == [2.5, 0, 0] and surface.without == 4
     near = [6.0, np.sqrt(37)]
-    assert found.standoff_m[0] == pytest.approx((0.5 * near[0] + 2 * near[1]) / 2.5)
-    given = np.array([7.0, np.inf, 1, 1, 1])
-    near_m = inspected_surface(HERE, THERE, PAIRS, SEEN, None, weight, given)
+    assert surface.standoff_m[0] == pytest.approx((0.5 * near[0] + 2 * near[1]) / 2.5)
+    nearest_m = np.array([7.0, np.inf, 1, 1, 1])
+    near_m = inspected_surface(HERE, THERE, PAIRS, SEEN, None, weight, nearest_m)
     assert near_m.standoff_m[0] == pytest.approx((0.5 * 7 + 2 * np.sqrt(10)) / 2.5)
 
 
 def test_points_without_area_count_one() -> None:
-    found = inspected_surface(Cloud(HERE.points), THERE, PAIRS, SEEN)
-    assert found.need.tolist() == [2, 0, 1] and found.without == 1 and found.without_pct == 25
+    surface = inspected_surface(Cloud(HERE.points), THERE, PAIRS, SEEN)
+    assert surface.need.tolist() == [2, 0, 1] and surface.without == 1 and surface.without_pct == 25
 
 
 def test_who_saw_nothing_was_about_nothing() -> None:
     blind = Views(STATIONS, np.zeros((2, 5), bool))
-    found = inspected_surface(HERE, THERE, PAIRS, blind)
-    assert found.whole == 0 and np.isnan(found.without_pct) and np.isnan(coverage(found, np.ones(3, bool)))
+    surface = inspected_surface(HERE, THERE, PAIRS, blind)
+    assert (
+        surface.whole == 0 and np.isnan(surface.without_pct) and np.isnan(coverage(surface, np.ones(3, bool)))
+    )
 
 
 def test_several_flights_add_their_needs() -> None:

@@ -21,11 +21,11 @@ LEFT, RIGHT, OUTER = ([20, 9, 0], POD), ([20, -11, 0], POD), ([40, 25, 0], POD)
 SOURCE = boxes(HULL, LEFT, RIGHT, number=400)
 
 
-def asked(
+def doubt(
     target: Cloud,
     part: int,
     classes: list[int],
-    found: set[int],
+    parts: set[int],
     carried: Ints | None = None,
     inferred: int = 1,
 ) -> str:
@@ -40,17 +40,19 @@ def asked(
     )  # fmt: skip
     pair = SimpleNamespace(surface=fit, target=SimpleNamespace(structure_id="there"))
     here = parts_of(SOURCE)
-    return odd_number(cast(Take, SimpleNamespace(pair=pair)), part, here, parts_of(target).on(here), found)
+    return odd_number(cast(Take, SimpleNamespace(pair=pair)), part, here, parts_of(target).on(here), parts)
 
 
 def test_fewer_on_the_own_side_than_on_the_other_are_odd() -> None:
     third = boxes(HULL, LEFT, RIGHT, OUTER, number=400)
-    said = asked(third, 2, [0, 1, 2, -1], {1, 2, 3})
-    assert said.startswith("of parts like the inspected one 1 lie on its side of there and 2 on the other")
-    assert asked(third, 1, [0, 1, 2, -1], {1, 2, 3}) == ""
-    assert asked(third, 2, [0, 1, 2, 1], {1, 2, 3}) == ""  # two pieces of the left one
-    assert asked(third, 2, [0, 1, 2, -1], {1, 2}) == ""  # the third is none of its kind
-    assert asked(third, 0, [0, 1, 2, -1], {0}) == ""  # the hull lies in the middle
+    sentence = doubt(third, 2, [0, 1, 2, -1], {1, 2, 3})
+    assert sentence.startswith(
+        "of parts like the inspected one 1 lie on its side of there and 2 on the other"
+    )
+    assert doubt(third, 1, [0, 1, 2, -1], {1, 2, 3}) == ""
+    assert doubt(third, 2, [0, 1, 2, 1], {1, 2, 3}) == ""  # two pieces of the left one
+    assert doubt(third, 2, [0, 1, 2, -1], {1, 2}) == ""  # the third is none of its kind
+    assert doubt(third, 0, [0, 1, 2, -1], {0}) == ""  # the hull lies in the middle
 
 
 @pytest.mark.parametrize(("inferred", "odd"), [(1, True), (0, True), (-1, False)])
@@ -60,12 +62,12 @@ def test_what_no_name_explains_and_is_of_its_size_may_be_another(inferred: int, 
     assert scan.part is not None
     named = np.where(scan.part == 3, -1, scan.part)
     one = Cloud(scan.points, scan.normals, scan.area_m2, np.where(scan.part == 3, 0, scan.part))
-    said = asked(one, 1, [0, 1, 2], {1, 2}, named, inferred)
-    assert said == (
+    sentence = doubt(one, 1, [0, 1, 2], {1, 2}, named, inferred)
+    assert sentence == (
         "something on there is of the size of the inspected part, and may be another one" if odd else ""
     )
-    assert asked(one, 1, [0, 1, 2], {1, 2}, one.part, inferred) == ""
-    assert asked(one, 1, [0, 1, 2], {1, 2}, None, inferred) == ""
+    assert doubt(one, 1, [0, 1, 2], {1, 2}, one.part, inferred) == ""
+    assert doubt(one, 1, [0, 1, 2], {1, 2}, None, inferred) == ""
 
 
 def lone(size: list[float], hull: tuple[float, float, float] = (60, 8, 6)) -> bool:

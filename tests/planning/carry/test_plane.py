@@ -25,12 +25,12 @@ def pair(here: float | None, there: float | None) -> Pair:
 
 
 def test_a_robot_does_not_grow_where_both_grounds_are_known() -> None:
-    kept, scaled = TransferSettings(standoff="kept"), TransferSettings(standoff="scaled")
-    assert plane_height(FLOWN, pair(1.0, 20.0), CARRIED, kept) == pytest.approx(22.0)
-    assert plane_height(FLOWN, pair(0.0, 0.0), CARRIED, kept) == pytest.approx(3.0)
+    unscaled, scaled = TransferSettings(standoff="kept"), TransferSettings(standoff="scaled")
+    assert plane_height(FLOWN, pair(1.0, 20.0), CARRIED, unscaled) == pytest.approx(22.0)
+    assert plane_height(FLOWN, pair(0.0, 0.0), CARRIED, unscaled) == pytest.approx(3.0)
     assert plane_height(FLOWN, pair(1.0, 20.0), CARRIED, scaled) == pytest.approx(8.0)
     for known in (pair(None, 20.0), pair(1.0, None), pair(None, None)):
-        assert plane_height(FLOWN, known, CARRIED, kept) == pytest.approx(8.0)
+        assert plane_height(FLOWN, known, CARRIED, unscaled) == pytest.approx(8.0)
 
 
 def test_the_airspace_is_a_few_centimetres_about_the_plane() -> None:
@@ -47,6 +47,6 @@ def test_the_airspace_is_a_few_centimetres_about_the_plane() -> None:
 
 def test_all_waypoints_are_put_at_one_height() -> None:
     path = Waypoints(CARRIED, np.zeros((3, 4)), np.arange(3.0), np.array([True, False, True]))
-    found = at_height(path, 4.0)
-    assert found.positions.tolist() == [[0, 0, 4], [1, 0, 4], [2, 0, 4]] and CARRIED[2, 2] == 11
-    assert found.is_viewpoint is path.is_viewpoint and found.t_s is path.t_s
+    level = at_height(path, 4.0)
+    assert level.positions.tolist() == [[0, 0, 4], [1, 0, 4], [2, 0, 4]] and CARRIED[2, 2] == 11
+    assert level.is_viewpoint is path.is_viewpoint and level.t_s is path.t_s

@@ -56,15 +56,17 @@ def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, m
             bounds.append(zscored(goal.reference @ goal.standing.T)) or bounded(bound, path, at, goal, safe)
         ),
     )
-    asked = {"registration": {"search": "heading"}, "refine": {"deviation": 0.5}}
-    settings = settings_for("recommended", verdict=ANY, **asked)
+    changes = {"registration": {"search": "heading"}, "refine": {"deviation": 0.5}}
+    settings = settings_for("recommended", verdict=ANY, **changes)
     flight, turn = fly(ship, "hull", seed=1), about_z(29)
     plan = plan_transfer(flight, ship, moved_structure(ship, turn), settings)
     true = zscored(flight.positions @ turn.T @ plan.registration.turn.T)
     # In the axes of the source: whichever way its own frame is turned, by right angles.
     quarters = [np.abs(np.cos(np.radians(90 * k))) > 0.5 for k in (0, 1)]
-    found = [frechet(np.abs(bounds[0]), np.abs(true if same else true[:, [1, 0, 2]])) for same in quarters]
-    assert min(found) < 0.05
+    distances = [
+        frechet(np.abs(bounds[0]), np.abs(true if same else true[:, [1, 0, 2]])) for same in quarters
+    ]
+    assert min(distances) < 0.05
 
 
 @pytest.mark.ci

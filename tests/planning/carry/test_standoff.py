@@ -21,7 +21,7 @@ CAMERA = Camera(hfov_deg=90.0, min_range_m=1.0, max_range_m=100.0, width_px=1000
 CARRIER = AxisMap(np.diag([2.0, 1.0, 3.0]), np.array([5.0, 6.0, 7.0]))
 
 
-def made(seed: int = 0) -> tuple[Floats, Floats, Floats]:
+def samples(seed: int = 0) -> tuple[Floats, Floats, Floats]:
     """Cameras, points and how much of each picture each fills; the last camera sees nothing."""
     rng = np.random.default_rng(seed)
     weight = rng.random((5, 30)) * (rng.random((5, 30)) < 0.6)
@@ -41,7 +41,7 @@ def weighted_median(values: Floats, weight: Floats) -> float:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_median_distances_are_those_of_what_is_seen(seed: int) -> None:
-    positions, points, weight = made(seed)
+    positions, points, weight = samples(seed)
     distance = np.linalg.norm(positions[:, None] - points, axis=2)
     known = [weighted_median(far, share) for far, share in zip(distance, weight, strict=True)]
     assert median_distance(positions, points, weight) == pytest.approx(known, nan_ok=True)
@@ -52,15 +52,15 @@ def test_median_distances_are_those_of_what_is_seen(seed: int) -> None:
 
 
 def test_scaled_stand_offs_are_carried_by_the_structures_map() -> None:
-    positions, here, weight = made()
+    positions, here, weight = samples()
     there = CARRIER.points(here)
-    asked = counted(positions, weight, here, there, CARRIER, TransferSettings(), CAMERA, 0.0)
+    standoff = counted(positions, weight, here, there, CARRIER, TransferSettings(), CAMERA, 0.0)
     stretched = positions * [2, 1, 3]
     distance = np.linalg.norm(stretched[:, None] - here * [2, 1, 3], axis=2)
     known = [weighted_median(far, share) for far, share in zip(distance, weight, strict=True)]
-    assert asked.wanted_m == pytest.approx(known, nan_ok=True)
-    assert asked.middle is None
-    assert asked.distance(CARRIER.points(positions)) == pytest.approx(known, nan_ok=True)
+    assert standoff.wanted_m == pytest.approx(known, nan_ok=True)
+    assert standoff.middle is None
+    assert standoff.distance(CARRIER.points(positions)) == pytest.approx(known, nan_ok=True)
 
 
 def test_kept_stand_offs_are_those_to_the_middle_of_the_picture() -> None:
@@ -68,21 +68,21 @@ def test_kept_stand_offs_are_those_to_the_middle_of_the_picture() -> None:
     here = np.array([[10.0, 0, 0], [10, 0.2, 0], [10, -0.2, 0], [4, 3, 0], [4, -3, 0], [90, 0, 0.5]])
     there = here + np.array([100.0, 0, 0])
     weight = np.array([[1.0, 1, 1, 1, 1, 0]])
-    asked = counted(
+    standoff = counted(
         np.zeros((1, 3)), weight, here, there, CARRIER, TransferSettings(standoff="kept"), CAMERA, 0.0
     )
-    assert asked.middle is not None
-    assert asked.wanted_m == pytest.approx([10.0], abs=1e-6)
-    assert asked.middle == pytest.approx(np.array([[110.0, 0, 0]]), abs=1e-6)
-    assert asked.distance(np.array([[103.0, 0, 0]])) == pytest.approx([7.0], abs=1e-6)
+    assert standoff.middle is not None
+    assert standoff.wanted_m == pytest.approx([10.0], abs=1e-6)
+    assert standoff.middle == pytest.approx(np.array([[110.0, 0, 0]]), abs=1e-6)
+    assert standoff.distance(np.array([[103.0, 0, 0]])) == pytest.approx([7.0], abs=1e-6)
 
 
 def test_the_middle_is_weighted_by_how_near_it_is() -> None:
-    positions, here, weight = made(4)
-    asked = counted(
+    positions, here, weight = samples(4)
+    standoff = counted(
         positions, weight, here, 2 * here, CARRIER, TransferSettings(standoff="kept"), CAMERA, 0.0
     )
-    assert asked.middle is not None
+    assert standoff.middle is not None
     for row in range(4):
         towards = weight[row] @ here / weight[row].sum() - positions[row]
         towards /= np.linalg.norm(towards)
@@ -91,15 +91,15 @@ def test_the_middle_is_weighted_by_how_near_it_is() -> None:
         tangent = (ray**2).sum(axis=1) / ahead**2 - 1
         near = weight[row] * np.exp(-(tangent - tangent[weight[row] > 0].min()) / (2 * 0.1**2))
         middle = near @ here / near.sum()
-        assert asked.middle[row] == pytest.approx(2 * middle)
-        assert asked.wanted_m[row] == pytest.approx(np.linalg.norm(positions[row] - middle))
-    assert np.isnan(asked.wanted_m[4])
+        assert standoff.middle[row] == pytest.approx(2 * middle)
+        assert standoff.wanted_m[row] == pytest.approx(np.linalg.norm(positions[row] - middle))
+    assert np.isnan(standoff.wanted_m[4])
 
 
 def test_a_ground_sampling_distance_sets_the_stand_off() -> None:
-    positions, here, weight = made()
-    asked = counted(positions, weight, here, here, CARRIER, TransferSettings(gsd_m=0.03), CAMERA, 0.0)
-    assert asked.wanted_m == pytest.approx([15.0] * 4 + [np.nan], nan_ok=True)  # 0.03 m times 500 pixels
+    positions, here, weight = samples()
+    standoff = counted(positions, weight, here, here, CARRIER, TransferSettings(gsd_m=0.03), CAMERA, 0.0)
+    assert standoff.wanted_m == pytest.approx([15.0] * 4 + [np.nan], nan_ok=True)  # 0.03 m times 500 pixels
     blind = Camera(hfov_deg=90.0, min_range_m=1.0, max_range_m=100.0)
     assert (
         counted(positions, weight, here, here, CARRIER, TransferSettings(gsd_m=0.03), blind, 0.0).middle
@@ -111,26 +111,26 @@ def test_stand_offs_keep_to_the_range_and_the_safety_distance() -> None:
     here, weight = np.array([[0.0, 0, 0]]), np.ones((3, 1))
     positions = np.array([[1.0, 0, 0], [50, 0, 0], [99, 0, 0]])
     same = AxisMap(np.eye(3), np.zeros(3))
-    asked = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 0.5)
-    assert asked.wanted_m == pytest.approx([1.05, 50, 95])
-    asked = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 4.0)
-    assert asked.wanted_m == pytest.approx([4.2, 50, 95])
-    asked = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 100.0)
-    assert asked.wanted_m == pytest.approx([105.0] * 3)
+    standoff = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 0.5)
+    assert standoff.wanted_m == pytest.approx([1.05, 50, 95])
+    standoff = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 4.0)
+    assert standoff.wanted_m == pytest.approx([4.2, 50, 95])
+    standoff = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 100.0)
+    assert standoff.wanted_m == pytest.approx([105.0] * 3)
 
 
 def test_viewpoints_speak_by_equal_shares_of_their_pictures() -> None:
-    _, points, weight = made()
-    wanted = np.array([3.0, 4.0, np.nan, 6.0, 5.0])
-    found = Counted(weight, points, None, wanted).at(np.array([3, 0, 2, 4]))
-    assert found.station.tolist() == [3, 0] and found.wanted_m.tolist() == [6, 3]
-    assert found.usual_m == 4.5 and not found.in_metres
+    _, points, weight = samples()
+    distances = np.array([3.0, 4.0, np.nan, 6.0, 5.0])
+    standoff = Counted(weight, points, None, distances).at(np.array([3, 0, 2, 4]))
+    assert standoff.station.tolist() == [3, 0] and standoff.wanted_m.tolist() == [6, 3]
+    assert standoff.usual_m == 4.5 and not standoff.in_metres
     for row, camera in enumerate((3, 0)):
         share = np.cumsum(weight[camera]) / weight[camera].sum()
         known = [points[np.flatnonzero(share >= (part + 0.5) / 32)[0]] for part in range(32)]
-        assert np.array_equal(found.seen[row], known)
+        assert np.array_equal(standoff.seen[row], known)
     middle = np.arange(15.0).reshape(5, 3)
-    single = Counted(weight, points, middle, wanted).at(np.array([3, 0, 2, 4]))
+    single = Counted(weight, points, middle, distances).at(np.array([3, 0, 2, 4]))
     assert single.in_metres and np.array_equal(single.seen, middle[[3, 0], None])
     assert Standoff(np.empty(0, np.int64), np.empty((0, 1, 3)), np.empty(0)).usual_m == 0.0
 
@@ -143,15 +143,15 @@ def test_a_picture_is_filled_by_solid_angles_of_parts_that_were_seen(normals: bo
     area, part, seen = rng.uniform(1, 3, 20), np.repeat([0, 1], 10), rng.random(20) < 0.6
     cloud = Cloud(rng.normal(0, 2, (20, 3)), facing if normals else None, area, part)
     known, positions = np.array([1, 4, 12, 19]), rng.normal(0, 8, (3, 3))
-    found = picture_share(positions, cloud, known, seen)
+    share = picture_share(positions, cloud, known, seen)
     for row, at in enumerate(positions):
         for column, sample in enumerate(known):
             mine = part == part[sample]
-            meant = area[mine & seen].sum() / area[mine].sum()
+            seen_share = area[mine & seen].sum() / area[mine].sum()
             ray = at - cloud.points[sample]
             length = np.linalg.norm(ray)
             cosine = max(ray @ facing[sample] / length, 0) if normals else 1.0
-            assert found[row, column] == pytest.approx(area[sample] * meant**2 * cosine / length**2)
+            assert share[row, column] == pytest.approx(area[sample] * seen_share**2 * cosine / length**2)
     plain = Cloud(cloud.points)
     even = picture_share(positions, plain, known, np.ones(20, bool))
     assert even == pytest.approx(1 / np.sum((positions[:, None] - cloud.points[known]) ** 2, axis=2))

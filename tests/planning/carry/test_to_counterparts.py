@@ -44,36 +44,36 @@ def follow(scale, **settings):
 
 
 def test_the_same_structure_gives_the_flight_back():
-    flight, done = follow(1.0)
-    np.testing.assert_allclose(done.positions, flight.positions, atol=1e-9)
-    assert angle_between(done.quat_xyzw, flight.quat_xyzw).max() < 1e-6
+    flight, path = follow(1.0)
+    np.testing.assert_allclose(path.positions, flight.positions, atol=1e-9)
+    assert angle_between(path.quat_xyzw, flight.quat_xyzw).max() < 1e-6
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 def test_scaled_stand_off_scales_the_flight(scale):
-    flight, done = follow(scale)
-    np.testing.assert_allclose(done.positions, scale * flight.positions, atol=1e-6)
-    assert angle_between(done.quat_xyzw, flight.quat_xyzw).max() < 1e-6
+    flight, path = follow(scale)
+    np.testing.assert_allclose(path.positions, scale * flight.positions, atol=1e-6)
+    assert angle_between(path.quat_xyzw, flight.quat_xyzw).max() < 1e-6
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
 def test_kept_stand_off_keeps_the_distance_to_the_surface(scale):
     """Also of a larger ball, whose rim is farther off than that of the demonstrated one."""
-    flight, done = follow(scale, standoff="kept")
+    flight, path = follow(scale, standoff="kept")
     flown = np.linalg.norm(flight.positions, axis=1) - 4.0
-    kept = np.linalg.norm(done.positions, axis=1) - 4.0 * scale
-    assert kept == pytest.approx(flown, rel=0.05)
+    distance = np.linalg.norm(path.positions, axis=1) - 4.0 * scale
+    assert distance == pytest.approx(flown, rel=0.05)
 
 
 def test_a_ground_sampling_distance_sets_the_distance():
     cloud, flight = ball(), orbit()
     pairs = Correspondences(np.arange(400), np.zeros(400), cloud.points)
     camera = Camera(hfov_deg=90, max_range_m=200, width_px=1000)
-    done = follow_counterparts(
+    path = follow_counterparts(
         flight, facing(flight, cloud), cloud, pairs, AxisMap(np.eye(3), np.zeros(3)),
         TransferSettings(gsd_m=0.03), camera, 0.1,
     )  # fmt: skip
-    distance = np.linalg.norm(done.positions[:, None] - cloud.points, axis=2)
+    distance = np.linalg.norm(path.positions[:, None] - cloud.points, axis=2)
     in_view = np.where(facing(flight, cloud).seen, distance, np.nan)
     assert np.nanmedian(in_view) == pytest.approx(0.03 * 1000 / 2, rel=0.15)
 
@@ -81,11 +81,11 @@ def test_a_ground_sampling_distance_sets_the_distance():
 def test_a_flight_that_sees_nothing_known_is_carried_by_the_map():
     cloud, flight = ball(), orbit()
     none = Correspondences(np.full(400, -1), np.full(400, np.nan), np.full((400, 3), np.nan))
-    done = follow_counterparts(
+    path = follow_counterparts(
         flight, facing(flight, cloud), cloud, none, AxisMap(2 * np.eye(3), np.ones(3)),
         TransferSettings(), CAMERA, 0.1,
     )  # fmt: skip
-    np.testing.assert_allclose(done.positions, 2 * flight.positions + 1)
+    np.testing.assert_allclose(path.positions, 2 * flight.positions + 1)
 
 
 @pytest.mark.parametrize(

@@ -89,14 +89,14 @@ def test_no_exchange_or_move_makes_an_assignment_better(seed: int) -> None:
     source, target = parts(low, size, links), parts(*there, links_there)
     matching = match_parts(source, target, DIAGONAL, never)
     partner = [next(iter(counterparts(matching, part)), -1) for part in range(number)]
-    found = cost(source, target, partner)
-    assert np.isfinite(found)
+    least = cost(source, target, partner)
+    assert np.isfinite(least)
     for other in assignments(number, others):
         changed = [part for part in range(number) if other[part] != partner[part]]
         exchange = len(changed) == 2 and sorted(other) == sorted(partner)
         move = len(changed) == 1 and other[changed[0]] >= 0
         if exchange or move:
-            assert cost(source, target, other) >= found - 1e-9, (partner, other)
+            assert cost(source, target, other) >= least - 1e-9, (partner, other)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -134,8 +134,8 @@ def one_box(size: list[float], area: float = 0.2) -> Parts:
 def test_boxes_of_like_extents_are_alike(size: list[float], alike: bool) -> None:
     source = one_box([10.0, 6, 6])
     assert like_shape(source, 1, one_box(size), DIAGONAL).tolist() == ([1] if alike else [])
-    found = match_parts(source, one_box(size), DIAGONAL, never)
-    assert counterparts(found, 1) == ([1] if alike else [])
+    matching = match_parts(source, one_box(size), DIAGONAL, never)
+    assert counterparts(matching, 1) == ([1] if alike else [])
     agreed = match_parts(source, one_box(size), DIAGONAL, lambda mine, theirs: (mine, theirs) == ([1], [1]))
     assert counterparts(agreed, 1) == [1]
 
@@ -178,14 +178,14 @@ def test_what_boxes_leave_is_matched_by_name(
     name: list[int], pinned: dict[int, int], source: list[int], target: list[int]
 ) -> None:
     known = Matching(np.array([0, 1, -1]), np.array([0, -1, 1, -1]))
-    found = with_named(known, np.array(name), np.zeros((4, 3)), row_of_boxes(3), row_of_boxes(4), pinned)
-    assert found.source_class.tolist() == source and found.target_class.tolist() == target
+    matching = with_named(known, np.array(name), np.zeros((4, 3)), row_of_boxes(3), row_of_boxes(4), pinned)
+    assert matching.source_class.tolist() == source and matching.target_class.tolist() == target
 
 
 def test_two_pieces_of_one_name_are_one_class() -> None:
     known = Matching(np.array([-1, 0]), np.array([-1, 0, -1]))
-    found = with_named(known, np.array([0, 1, 0]), np.zeros((3, 2)), row_of_boxes(2), row_of_boxes(3), {})
-    assert counterparts(found, 0) == [0, 2] and counterparts(found, 1) == [1]
+    matching = with_named(known, np.array([0, 1, 0]), np.zeros((3, 2)), row_of_boxes(2), row_of_boxes(3), {})
+    assert counterparts(matching, 0) == [0, 2] and counterparts(matching, 1) == [1]
 
 
 @pytest.mark.parametrize(
@@ -201,11 +201,11 @@ def test_parts_that_make_up_one_correspond_to_it(
     fin: float, elsewhere: float, pinned: dict[int, int], classes: list[int]
 ) -> None:
     known = Matching(np.array([0, -1, -1, -1, -1]), np.array([0, -1, -1]))
-    brought = np.array([[0.7, elsewhere, 0, 0, 0], [0, fin, 0.04, 0.04, 0.005], [0.0] * 5])
+    shares = np.array([[0.7, elsewhere, 0, 0, 0], [0, fin, 0.04, 0.04, 0.005], [0.0] * 5])
     target = replace(row_of_boxes(3), area=np.array([0.7, 0.2, 0.1]))
-    found = with_named(known, np.full(3, -1), brought, row_of_boxes(5), target, pinned)
-    assert found.source_class.tolist() == classes
-    assert found.target_class.tolist() == [0, max(classes) if 1 in classes else -1, -1]
+    matching = with_named(known, np.full(3, -1), shares, row_of_boxes(5), target, pinned)
+    assert matching.source_class.tolist() == classes
+    assert matching.target_class.tolist() == [0, max(classes) if 1 in classes else -1, -1]
     assert known.source_class.tolist() == [0, -1, -1, -1, -1]  # as it was
 
 
@@ -220,8 +220,8 @@ def test_what_is_named_on_one_side_has_its_mirror_image_on_the_other() -> None:
     craft = parts(low, np.array([[60.0, 4, 4], [5, 3, 3], [5, 3, 3], [5, 3, 3], [5, 3, 3]]))
     craft = replace(craft, side=sides(craft.low, craft.high, craft.low.min(axis=0), craft.high.max(axis=0)))
     known = Matching(np.array([0, -1, -1, -1, -1]), np.array([0, -1, -1, -1, -1]))
-    found = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), craft, craft, {})
-    assert [counterparts(found, part) for part in range(5)] == [[0], [1], [2], [3], []]
+    matching = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), craft, craft, {})
+    assert [counterparts(matching, part) for part in range(5)] == [[0], [1], [2], [3], []]
     unknown = replace(craft, side=np.full((5, 2), np.nan))  # a structure that is not its own mirror image
-    found = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), unknown, unknown, {})
-    assert [counterparts(found, part) for part in range(5)] == [[0], [1], [], [3], []]
+    matching = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), unknown, unknown, {})
+    assert [counterparts(matching, part) for part in range(5)] == [[0], [1], [], [3], []]

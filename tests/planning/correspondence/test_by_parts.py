@@ -52,8 +52,8 @@ def cosines(warped: Patch, fixed: Patch, index: Ints) -> Floats:
 
 def test_the_nearest_of_the_partner_part_that_faces_the_same_way() -> None:
     warped, fixed = patch(60, 0, [-1, 0, 1]), patch(80, 1, [-1, 0, 1])
-    found = facing_nearest(warped, fixed, DIAGONAL)
-    for here, there in enumerate(found):
+    partners = facing_nearest(warped, fixed, DIAGONAL)
+    for here, there in enumerate(partners):
         own = warped.label[here]
         theirs = [at for at in range(80) if own < 0 or fixed.label[at] == own]
         assert there == min(theirs, key=lambda at: apart(warped, here, fixed, at))
@@ -77,7 +77,7 @@ def test_a_face_of_an_adjacent_part_is_taken_where_the_partner_has_none_like_it(
     index = np.random.default_rng(seed).permuted(facing_nearest(warped, fixed, DIAGONAL))
     own = np.array([np.flatnonzero(fixed.label == label)[0] if label >= 0 else 0 for label in warped.label])
     index = np.where(fixed.label[index] == warped.label, index, own)
-    found = _on_adjacent_parts(warped, fixed, index, part, parts(touching), DIAGONAL)
+    partners = _on_adjacent_parts(warped, fixed, index, part, parts(touching), DIAGONAL)
     adjacent = {-1: [], 0: [3, 1], 1: [0, 4], 2: []}
     moved = 0
     for here in range(150):
@@ -86,7 +86,7 @@ def test_a_face_of_an_adjacent_part_is_taken_where_the_partner_has_none_like_it(
         best = min(theirs, key=lambda at: apart(warped, here, fixed, at), default=-1)
         faces_away = cosines(warped, fixed, index)[here] < 0.7
         nearer = best >= 0 and apart(warped, here, fixed, best) < 0.5 * apart(warped, here, fixed, before)
-        assert found[here] == (best if faces_away and nearer else before)
+        assert partners[here] == (best if faces_away and nearer else before)
         moved += bool(faces_away and nearer)
     assert 10 < moved < 120
 
@@ -94,21 +94,21 @@ def test_a_face_of_an_adjacent_part_is_taken_where_the_partner_has_none_like_it(
 def test_a_target_sample_is_taken_within_two_spacings_of_a_matched_part() -> None:
     fixed, on_skin = patch(80, 3, [-1, 0, 1]), patch(40, 4, [0]).points
     label = np.repeat([-1, 0, 1, 2], 10)
-    found = _claimed(on_skin, label, fixed, 1.5)
+    claimed = _claimed(on_skin, label, fixed, 1.5)
     for at in range(80):
         near = [
             np.linalg.norm(on_skin[of] - fixed.points[at]) for of in np.flatnonzero(label == fixed.label[at])
         ]
-        assert found[at] == (fixed.label[at] >= 0 and min(near) < 2 * 1.5)
-    assert 0 < found[fixed.label == 0].sum() < (fixed.label == 0).sum() and found[fixed.label == 1].any()
+        assert claimed[at] == (fixed.label[at] >= 0 and min(near) < 2 * 1.5)
+    assert 0 < claimed[fixed.label == 0].sum() < (fixed.label == 0).sum() and claimed[fixed.label == 1].any()
 
 
 def test_what_continues_a_skin_is_no_part_of_its_own() -> None:
     touching = np.zeros((4, 4), bool)
     touching[3, [0, 1]] = touching[[0, 1], 3] = touching[2, 0] = touching[0, 2] = touching[3, 2] = True
     known = parts(touching, np.array([True, True, True, False]))
-    found = _continues(known, Matching(np.array([1, 0, -1, -1]), np.array([0, 1])))
-    assert found.tolist() == [[False, False], [False, False], [False, False], [True, True]]
+    continues = _continues(known, Matching(np.array([1, 0, -1, -1]), np.array([0, 1])))
+    assert continues.tolist() == [[False, False], [False, False], [False, False], [True, True]]
     none = _continues(known, Matching(np.full(4, -1), np.full(2, -1)))
     assert none.shape == (4, 1) and not none.any()
 
@@ -127,13 +127,13 @@ def test_without_counterpart_is_what_lies_far_off_and_parts_of_which_most_finds_
     warped = Patch(points, normals, rng.choice([-1, 0], 120, p=[0.8, 0.2]))
     taken = rng.random(120) < 0.1
     source = Cloud(points, normals, np.ones(120), part)
-    found = _without(warped, fixed, index, taken, source, DIAGONAL)
+    without = _without(warped, fixed, index, taken, source, DIAGONAL)
     distance, cosine = np.linalg.norm(points - fixed.points[index], axis=1), cosines(warped, fixed, index)
     good = [cosine[at] > 0.3 and distance[at] < 0.5 and not taken[at] for at in range(120)]
     for at in range(120):
         share = np.mean([good[of] for of in range(120) if part[of] == part[at]])
-        assert found[at] == (warped.label[at] < 0 and (distance[at] > 1.0 or share < 0.5))
-    assert 0.2 < found.mean() < 0.9
+        assert without[at] == (warped.label[at] < 0 and (distance[at] > 1.0 or share < 0.5))
+    assert 0.2 < without.mean() < 0.9
 
 
 def test_on_the_skin_no_farther_than_a_spacing_from_a_sample() -> None:
@@ -166,10 +166,10 @@ def test_a_part_moves_only_where_that_brings_it_clearly_nearer() -> None:
     carrier = Displacement(
         *same, smooth, control.points, control.label, field.weights, field.reach_m, np.ones(2)
     )
-    found = carried_by(carrier, placed)
-    np.testing.assert_allclose(found.points[label == 0], placed.points[label == 0], atol=1e-6)
-    off = np.abs(np.linalg.norm(found.points[label == 1] - [14.0, 0, 0], axis=1) - 2)
+    carried = carried_by(carrier, placed)
+    np.testing.assert_allclose(carried.points[label == 0], placed.points[label == 0], atol=1e-6)
+    off = np.abs(np.linalg.norm(carried.points[label == 1] - [14.0, 0, 0], axis=1) - 2)
     before = np.abs(np.linalg.norm(placed.points[label == 1] - [14.0, 0, 0], axis=1) - 2)
     assert off.mean() < 0.3 * before.mean()
-    np.testing.assert_allclose(found.normals, placed.normals)
-    assert np.array_equal(found.label, label)
+    np.testing.assert_allclose(carried.normals, placed.normals)
+    assert np.array_equal(carried.label, label)

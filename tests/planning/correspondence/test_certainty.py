@@ -71,12 +71,12 @@ def test_the_evidence_of_an_answer_is_counted_by_area() -> None:
     points = RNG.normal(size=(10, 3))
     one = Cloud(points, np.tile([0.0, 0, 1], (10, 1)), area, label)
     carried = np.array([1, 1, 0, 0, 1, 0, 1, 1, 2, 2])
-    found = evidence_of_counterpart(one, [1], one, [1, 2], 0.7, True, carried)
+    evidence = evidence_of_counterpart(one, [1], one, [1, 2], 0.7, True, carried)
     both = area[[4, 6, 7]].sum()
-    assert found[5] == pytest.approx(1 - both / area[4:].sum())
-    assert found[1] == pytest.approx(1 - both / area[carried == 1].sum())
-    assert found[2:4].tolist() == [1.0, 0.7]
-    assert found[4] == pytest.approx(np.log(area[4:].sum() / area[4:7].sum()))
+    assert evidence[5] == pytest.approx(1 - both / area[4:].sum())
+    assert evidence[1] == pytest.approx(1 - both / area[carried == 1].sum())
+    assert evidence[2:4].tolist() == [1.0, 0.7]
+    assert evidence[4] == pytest.approx(np.log(area[4:].sum() / area[4:7].sum()))
     assert evidence_of_counterpart(one, [1], one, [2], np.nan, False, carried)[2:4].tolist() == [0.0, 3.0]
     nothing = evidence_of_counterpart(one, [1], one, [7], 0.7, False, carried)
     assert nothing[0] == CAPS[0] and nothing[1] == nothing[5] == 1

@@ -27,17 +27,17 @@ def moved(patch: Patch, shift: list[float]) -> Patch:
 
 def test_at_rest_where_nothing_moved() -> None:
     patch = sphere()
-    found = drift(patch, patch, 17.0)
-    assert np.abs(found.at(patch.points, patch.label)).max() < 0.02 * 5
+    field = drift(patch, patch, 17.0)
+    assert np.abs(field.at(patch.points, patch.label)).max() < 0.02 * 5
 
 
 def test_a_shift_is_followed() -> None:
     patch = sphere()
-    found = drift(patch, moved(patch, [0.5, 0, 0]), 17.0)
-    there = patch.points + found.at(patch.points, patch.label)
+    field = drift(patch, moved(patch, [0.5, 0, 0]), 17.0)
+    there = patch.points + field.at(patch.points, patch.label)
     off = np.abs(np.linalg.norm(there - [0.5, 0, 0], axis=1) - 5)
     assert np.mean(off) < 0.05  # on the moved sphere, from 0.25 m off on average
-    assert (found.at(patch.points[np.abs(patch.points[:, 0]) > 4], np.full(1, -1))[:, 0] > 0.3).all()
+    assert (field.at(patch.points[np.abs(patch.points[:, 0]) > 4], np.full(1, -1))[:, 0] > 0.3).all()
 
 
 def test_featureless_skin_does_not_creep() -> None:
@@ -113,16 +113,16 @@ def test_a_displacement_is_that_of_the_plain_system(labelled: bool) -> None:
                     alike = moving.normals[m] @ fixed.normals[n]
                     share[m, n] = np.exp(4 * (alike - 1) - apart / (2 * width**2))
         share /= share.sum(axis=0) + 1e-3
-        system, wanted = np.zeros((3 * number, 3 * number)), np.zeros((number, 3))
+        system, pulls = np.zeros((3 * number, 3 * number)), np.zeros((number, 3))
         for m in range(number):
             metric = np.einsum("n,ni,nj->ij", share[m], fixed.normals, fixed.normals)
             pull = np.einsum("n,ni,nj,nj->i", share[m], fixed.normals, fixed.normals, fixed.points)
-            wanted[m] = pull - metric @ moving.points[m]
+            pulls[m] = pull - metric @ moving.points[m]
             system[3 * m : 3 * m + 3] = np.kron(kernel[m], metric)
             system[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] += stiffness[m] * np.eye(3)
-        weights = np.linalg.solve(system, wanted.reshape(-1)).reshape(number, 3)
+        weights = np.linalg.solve(system, pulls.reshape(-1)).reshape(number, 3)
         here = moving.points + kernel @ weights
-    found = drift(moving, fixed, size).at(moving.points, moving.label)
+    actual = drift(moving, fixed, size).at(moving.points, moving.label)
     largest = np.linalg.norm(kernel @ weights, axis=1).max()
     assert largest > 0.3
-    assert np.linalg.norm(found - kernel @ weights, axis=1).max() < 0.005 * largest
+    assert np.linalg.norm(actual - kernel @ weights, axis=1).max() < 0.005 * largest

@@ -30,20 +30,20 @@ def cloud(seed: int) -> Cloud:
 
 def test_nearest_of_itself_is_itself() -> None:
     one = cloud(0)
-    found = correspond(one, one, register(one, one, PAPER.registration), PAPER.correspondence)
-    np.testing.assert_array_equal(found.target_index, np.arange(len(one)))
-    np.testing.assert_allclose(found.distance_m, 0, atol=1e-9)
+    correspondences = correspond(one, one, register(one, one, PAPER.registration), PAPER.correspondence)
+    np.testing.assert_array_equal(correspondences.target_index, np.arange(len(one)))
+    np.testing.assert_allclose(correspondences.distance_m, 0, atol=1e-9)
 
 
 def test_nearest_is_the_one_of_brute_force() -> None:
     source, target = cloud(0), cloud(1)
     registration = register(source, target, PAPER.registration)
-    found = correspond(source, target, registration, PAPER.correspondence)
+    correspondences = correspond(source, target, registration, PAPER.correspondence)
     aligned = registration.to_demo(target.points)
     distances = np.linalg.norm(source.points[:, None] - aligned[None], axis=2)
-    np.testing.assert_array_equal(found.target_index, distances.argmin(axis=1))
-    np.testing.assert_allclose(found.distance_m, distances.min(axis=1))
-    np.testing.assert_array_equal(found.target_points, target.points[found.target_index])
+    np.testing.assert_array_equal(correspondences.target_index, distances.argmin(axis=1))
+    np.testing.assert_allclose(correspondences.distance_m, distances.min(axis=1))
+    np.testing.assert_array_equal(correspondences.target_points, target.points[correspondences.target_index])
 
 
 RECOMMENDED = settings_for("recommended")
@@ -63,9 +63,9 @@ def box_on_box(source: Cloud, target: Cloud) -> Registration:
 
 
 def named_parts(structure_id: str, points: np.ndarray) -> np.ndarray:
-    found = member(structure_id)
-    triangle = scene_of(found.structure, 1).closest(points)[1]
-    return np.array(found.part_names)[found.part_of_triangle[triangle]]
+    structure = member(structure_id)
+    triangle = scene_of(structure.structure, 1).closest(points)[1]
+    return np.array(structure.part_names)[structure.part_of_triangle[triangle]]
 
 
 def counterparts(source: str, target: str, **changes: object) -> Correspondences:
@@ -76,9 +76,9 @@ def counterparts(source: str, target: str, **changes: object) -> Correspondences
 
 @pytest.mark.parametrize("structure_id", ["a320-v1", "cube-v1", "cruise-v1"])
 def test_by_parts_itself_answers_to_itself(structure_id: str) -> None:
-    found = counterparts(structure_id, structure_id)
-    np.testing.assert_array_equal(found.target_index, np.arange(len(surface(structure_id))))
-    np.testing.assert_allclose(found.target_points, surface(structure_id).points, atol=1e-9)
+    actual = counterparts(structure_id, structure_id)
+    np.testing.assert_array_equal(actual.target_index, np.arange(len(surface(structure_id))))
+    np.testing.assert_allclose(actual.target_points, surface(structure_id).points, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -96,27 +96,27 @@ def test_by_parts_itself_answers_to_itself(structure_id: str) -> None:
 )
 def test_true_counterparts_are_found(source: str, target: str, error: float, right: float) -> None:
     one = surface(source)
-    found = counterparts(source, target)
+    actual = counterparts(source, target)
     truth = true_counterparts(source, target, one.points)
-    known = np.isfinite(truth[:, 0]) & (found.target_index >= 0)
-    off = np.linalg.norm(found.target_points - truth, axis=1)[known]
+    known = np.isfinite(truth[:, 0]) & (actual.target_index >= 0)
+    off = np.linalg.norm(actual.target_points - truth, axis=1)[known]
     assert 100 * np.average(off, weights=one.area_m2[known]) < error * member(target).structure.diagonal_m
-    there = named_parts(target, surface(target).points)[found.target_index]
+    there = named_parts(target, surface(target).points)[actual.target_index]
     same = np.where(
-        np.isfinite(truth[:, 0]), there == named_parts(source, one.points), found.target_index < 0
+        np.isfinite(truth[:, 0]), there == named_parts(source, one.points), actual.target_index < 0
     )
     assert 100 * np.average(same, weights=one.area_m2) > right
 
 
 def test_parts_without_a_partner_have_no_counterpart() -> None:
-    found = counterparts("b747-v1", "a320-v1")
+    actual = counterparts("b747-v1", "a320-v1")
     name = named_parts("b747-v1", surface("b747-v1").points)
     outer = np.char.endswith(name, "engine_left_outer") | np.char.endswith(name, "engine_right_outer")
-    assert (found.target_index[outer] < 0).mean() > 0.95
-    assert np.isnan(found.target_points[found.target_index < 0]).all()
-    assert np.isnan(found.distance_m[found.target_index < 0]).all()
-    assert (found.target_index[~outer] >= 0).mean() > 0.97
-    assert "no counterpart on the target: part_" in found.summary
+    assert (actual.target_index[outer] < 0).mean() > 0.95
+    assert np.isnan(actual.target_points[actual.target_index < 0]).all()
+    assert np.isnan(actual.distance_m[actual.target_index < 0]).all()
+    assert (actual.target_index[~outer] >= 0).mean() > 0.97
+    assert "no counterpart on the target: part_" in actual.summary
 
 
 @pytest.mark.parametrize(("place", "engine"), [("outer", "engine_left_outer"), ("inner", "engine_left")])
@@ -126,8 +126,8 @@ def test_the_user_says_which_engine(place: str, engine: str) -> None:
     landmarks = {"left_engine": tuple(points[name == "engine_left"].mean(axis=0) - np.array([0, 0, 1]))}
     one, other = surface("a320-v1"), surface("b747-v1")
     settings = replace(BY_PARTS, counterparts=(("left_engine", place),))
-    found = correspond(one, other, box_on_box(one, other), settings, landmarks)
-    there = named_parts("b747-v1", other.points)[found.target_index[name == "engine_left"]]
+    correspondences = correspond(one, other, box_on_box(one, other), settings, landmarks)
+    there = named_parts("b747-v1", other.points)[correspondences.target_index[name == "engine_left"]]
     assert (there == engine).mean() > 0.9
 
 
@@ -153,11 +153,11 @@ def test_blades_follow_a_turned_rotor() -> None:
     turned = turbine(shape, "turned-v1").structure
     one = surface("turbine-1-v1")
     other = surface_samples(turned, scene_of(turned, 1), RECOMMENDED.clouds)
-    found = correspond(one, other, box_on_box(one, other), BY_PARTS)
+    correspondences = correspond(one, other, box_on_box(one, other), BY_PARTS)
     name = named_parts("turbine-1-v1", one.points)
     truth = true_counterparts("turbine-1-v1", turbine(shape, "turned-v1"), one.points)
     blades = np.char.startswith(name, "blade")
-    off = np.linalg.norm(found.target_points - truth, axis=1)[blades]
+    off = np.linalg.norm(correspondences.target_points - truth, axis=1)[blades]
     assert off.mean() < 0.01 * turned.diagonal_m
 
 
@@ -175,8 +175,8 @@ def test_a_strip_cut_off_with_the_wing_answers_to_the_fuselage_still() -> None:
         here = np.sign(source.points[:, 1]) == side
         part[strip & here] = np.bincount(part[wing & here]).argmax()
     assert strip.sum() > 10
-    found = correspond(replace(source, part=part), target, box_on_box(source, target), BY_PARTS)
-    index = found.target_index[strip]
+    correspondences = correspond(replace(source, part=part), target, box_on_box(source, target), BY_PARTS)
+    index = correspondences.target_index[strip]
     assert (index >= 0).all()
     cosine = np.einsum("ij,ij->i", source.normals[strip], target.normals[index])
     assert np.mean(cosine > 0.5) > 0.95

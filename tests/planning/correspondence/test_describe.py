@@ -26,8 +26,8 @@ def test_a_place_is_named_beyond_a_twelfth_from_the_middle() -> None:
     low, high = whole.low.copy(), whole.high.copy()
     for part, middle in enumerate([(0.81, 0.79, -0.79), (-0.9, 4, 3), (0, -0.81, -4)], 1):
         low[part], high[part] = np.array(middle) - 0.1, np.array(middle) + 0.1
-    made = replace(whole, low=low, high=high)
-    assert [place_of(made, part) for part in range(4)] == ["middle", "front", "rear left high", "right low"]
+    parts = replace(whole, low=low, high=high)
+    assert [place_of(parts, part) for part in range(4)] == ["middle", "front", "rear left high", "right low"]
 
 
 def test_a_section_is_the_third_with_most_weight() -> None:
@@ -35,8 +35,8 @@ def test_a_section_is_the_third_with_most_weight() -> None:
     points = np.array([[1.0, 4, 4], [1, 4, 4], [8, 8, 1], [4, 4, 4], [9, 9, 9]])
 
     def at(weight: Floats) -> tuple[str, list[int]]:
-        said, there = place_in(whole, points, weight)
-        return said, np.flatnonzero(there).tolist()
+        place, there = place_in(whole, points, weight)
+        return place, np.flatnonzero(there).tolist()
 
     assert at(np.array([1.0, 1, 1.5, 1, 1])) == ("the rear section", [0, 1])
     assert at(np.array([1.0, 1, 3, 1, 1])) == ("the front left low section", [2])
@@ -64,8 +64,8 @@ def test_the_summary_tells_what_was_matched_and_what_is_left() -> None:
 def test_of_many_without_counterpart_six_are_named() -> None:
     source = parts_at([(float(at), 0, 0) for at in range(9)], [0.2] + [0.1] * 8)
     matching, label = Matching(np.full(9, -1), np.array([-1])), np.arange(9)
-    said = summary_of(source, matching, label, np.ones(9, bool), parts_at([(0, 0, 0)], [1.0]))
-    assert said.count("part_") == 6 and said.endswith(" and 3 more")
+    summary = summary_of(source, matching, label, np.ones(9, bool), parts_at([(0, 0, 0)], [1.0]))
+    assert summary.count("part_") == 6 and summary.endswith(" and 3 more")
     six = summary_of(source, matching, label, np.arange(9) < 6, parts_at([(0, 0, 0)], [1.0]))
     assert six.count("part_") == 6 and "more" not in six
 

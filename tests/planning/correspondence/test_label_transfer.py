@@ -36,13 +36,13 @@ def scanned(structure_id: str) -> tuple[Structure, Cloud]:
                    normals=of.normals, sha256=""), replace(of, points=points, part=None)  # fmt: skip
 
 
-def agreement(found: np.ndarray, true: np.ndarray, least: float) -> float:
+def agreement(labels: np.ndarray, true: np.ndarray, least: float) -> float:
     """The least overlap of a true part of at least a share of the samples with the part found there."""
     worst = 1.0
     for part in np.flatnonzero(np.bincount(true) > least * len(true)):
         mine = true == part
-        best = np.bincount(found[mine]).argmax()
-        worst = min(worst, float((mine & (found == best)).sum() / (mine | (found == best)).sum()))
+        best = np.bincount(labels[mine]).argmax()
+        worst = min(worst, float((mine & (labels == best)).sum() / (mine | (labels == best)).sum()))
     return worst
 
 
@@ -55,10 +55,10 @@ def test_parts_of_a_cloud_are_those_of_the_model(known: str, target: str, least:
     assert not has_parts(cloud)
     skin = skin_parts(structure, scene_of(structure, 1), cloud).label
     registered = in_source_frame(cloud, box_on_box(surface(known), cloud))
-    found = parts_like(registered, skin, surface(known))
+    labels = parts_like(registered, skin, surface(known))
     true = surface(target).part
     assert true is not None
-    assert agreement(found, true, least) > 0.7
+    assert agreement(labels, true, least) > 0.7
 
 
 def test_what_floats_about_a_scan_is_no_part_of_its_parts() -> None:
@@ -72,11 +72,11 @@ def test_what_floats_about_a_scan_is_no_part_of_its_parts() -> None:
         np.concatenate([cloud.area_m2, cloud.area_m2[::400]]),
     )
     registered = in_source_frame(dirty, box_on_box(surface("turbine-1-v1"), cloud))
-    found = parts_like(registered, np.concatenate([skin, skin[::400]]), surface("turbine-1-v1"))
+    labels = parts_like(registered, np.concatenate([skin, skin[::400]]), surface("turbine-1-v1"))
     true = surface("turbine-2-v1").part
-    assert true is not None and agreement(found[: len(cloud)], true, 0.05) > 0.7
-    assert (found[len(cloud) :] == found.max()).mean() > 0.8
-    assert not (found[: len(cloud)] == found.max()).mean() > 0.02
+    assert true is not None and agreement(labels[: len(cloud)], true, 0.05) > 0.7
+    assert (labels[len(cloud) :] == labels.max()).mean() > 0.8
+    assert not (labels[: len(cloud)] == labels.max()).mean() > 0.02
 
 
 def test_fragments_in_the_air_are_counted_() -> None:

@@ -59,10 +59,10 @@ def named(stretch: Ints, name: Ints, at: tuple[float, float] = (0.0, 50.0)) -> I
 def test_few_samples_of_a_stretch_are_named_as_most_of_it() -> None:
     skin = np.repeat([0, 1, 2], [100, 600, 20])
     name = np.concatenate([np.repeat([0, 1], [86, 14]), np.repeat([1, 0], [571, 29]), np.ones(20, int)])
-    found = named(skin, name)
-    assert (found[skin == 0] == 0).all()  # fourteen are few of any stretch
-    assert (found[skin == 1] == 1).all()  # and fewer than a twentieth of a large one
-    assert (found[skin == 2] == 1).all()
+    names = named(skin, name)
+    assert (names[skin == 0] == 0).all()  # fourteen are few of any stretch
+    assert (names[skin == 1] == 1).all()  # and fewer than a twentieth of a large one
+    assert (names[skin == 2] == 1).all()
     name[85], name[670] = 1, 0
     assert np.array_equal(named(skin, name), name)  # fifteen are not, nor thirty of six hundred
 
@@ -75,8 +75,8 @@ def test_what_lies_hardly_farther_from_what_most_are_named_is_named_so_as_well()
 
 def test_samples_of_one_name_that_touch_are_one_part() -> None:
     pairs = np.array([[0, 1], [1, 2], [2, 3], [4, 5]])
-    found = connected(pairs, np.array([7, 7, 8, 8, 9, 9]))
-    groups = [set(np.flatnonzero(found == part).tolist()) for part in np.unique(found)]
+    labels = connected(pairs, np.array([7, 7, 8, 8, 9, 9]))
+    groups = [set(np.flatnonzero(labels == part).tolist()) for part in np.unique(labels)]
     assert sorted(map(sorted, groups)) == [[0, 1], [2, 3], [4, 5]]
     assert len(np.unique(connected(np.empty((0, 2), int), np.zeros(3, int)))) == 3
 
@@ -142,10 +142,10 @@ def test_near_is_a_twentieth_of_the_size_or_a_spacing(spread: float, area: float
 HULL = patch((0, 0, 0), 80, 40)
 
 
-def others(found: Ints, skin: Ints, before: Ints) -> list[list[int]]:
+def others(labels: Ints, skin: Ints, before: Ints) -> list[list[int]]:
     """Of which stretches the parts are that are new."""
-    new = [part for part in np.unique(found) if (before[found == part] != part).any()]
-    return sorted(np.unique(skin[found == part]).tolist() for part in new)
+    new = [part for part in np.unique(labels) if (before[labels == part] != part).any()]
+    return sorted(np.unique(skin[labels == part]).tolist() for part in new)
 
 
 def test_what_lies_far_and_is_like_a_compact_part_is_another_of_its_kind() -> None:
@@ -153,9 +153,9 @@ def test_what_lies_far_and_is_like_a_compact_part_is_another_of_its_kind() -> No
     whole, skin = cloud(HULL, ell((5, 60, 9)), ell((60, 60, 9)), patch((30, 60, 9), 3, 12), ell((90, 0, 9)))
     label = np.where(skin == 1, 1, 0)
     skin = np.where((skin == 4) & (whole.points[:, 1] > 1.5), 5, skin)  # the arm is a stretch of its own
-    found = _with_others(whole, skin, label, skin >= 2)
-    assert others(found, skin, label) == [[2], [4, 5]]
-    assert np.array_equal(found == 1, label == 1)
+    labels = _with_others(whole, skin, label, skin >= 2)
+    assert others(labels, skin, label) == [[2], [4, 5]]
+    assert np.array_equal(labels == 1, label == 1)
     # What the displacement brings something onto is no other one, whatever its shape.
     assert others(_with_others(whole, skin, label, skin == 3), skin, label) == []
     half = (skin == 2) & (np.cumsum(skin == 2) <= 0.5 * (skin == 2).sum())
@@ -168,7 +168,7 @@ def test_what_a_part_covers_of_a_larger_stretch_is_no_part() -> None:
     whole, skin = cloud(tail, wing, patch((100, 0, 0), 12, 5), patch((100, 5, 0), 12, 1))
     template, taken = skin == 0, skin == 0
     skin = np.where(skin == 3, 1, skin)  # a strip beside another tail is of the wing's stretch
-    found = _covered(whole, skin, template, skin == 2, taken)
-    assert np.array_equal(found, whole.points[:, 0] >= 100)
+    covered = _covered(whole, skin, template, skin == 2, taken)
+    assert np.array_equal(covered, whole.points[:, 0] >= 100)
     edge = skin == 2
     assert np.array_equal(_covered(whole, np.where(edge, 1, skin), template, edge, taken), edge)

@@ -15,8 +15,8 @@ from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Floats, Registration
 
 
-def boxes(*given: BoxOf) -> Cloud:
-    return sampled_boxes(*given, number=400)
+def boxes(*shapes: BoxOf) -> Cloud:
+    return sampled_boxes(*shapes, number=400)
 
 
 HULL: BoxOf = ((0, -5, 0), (80, 10, 8))
@@ -38,19 +38,19 @@ def pinned(
 
 
 @pytest.mark.parametrize(
-    ("meant", "part"),
+    ("place", "part"),
     [("outer", 2), ("inner", 1), ("right_outer", 4), ("right", 3), ("inner_right", 3), ("left_inner", 1),
      ("front", 1), ("rear", 2), ("high", 1), ("part_4", 4), ("part_0", None), ("inner_one", 1)],
 )  # fmt: skip
-def test_places_choose_among_parts_of_the_shape(meant: str, part: int | None) -> None:
+def test_places_choose_among_parts_of_the_shape(place: str, part: int | None) -> None:
     if part is None:
         with pytest.raises(
             RefusedError, match=r"there lies part_0 of the target with .* part_1 of the source"
         ):
-            pinned(("mine", meant))
+            pinned(("mine", place))
     else:
-        assert pinned(("mine", meant)) == {1: part}
-        assert pinned(("part_1", meant)) == {1: part}
+        assert pinned(("mine", place)) == {1: part}
+        assert pinned(("part_1", place)) == {1: part}
 
 
 def test_the_other_side_is_the_other_sides() -> None:
@@ -65,15 +65,15 @@ def test_no_place_means_a_part_that_is_named_by_another_kind_or_of_another_size(
     label = TARGET.part
     assert label is not None
 
-    def meant(names: list[int], target: Cloud = TARGET) -> dict[int, int]:
+    def choice(names: list[int], target: Cloud = TARGET) -> dict[int, int]:
         return pinned_parts(SOURCE, target, SAME, outer, marks, {}, named=np.array(names)[target.part])
 
-    assert meant([0, 1, -1, 2, -1, 3, -1]) == {1: 2}  # nothing came near it: another one of its kind
-    assert meant([0, 1, 2, 2, -1, 3, -1]) == {1: 2}  # its mirrored one is of its kind
-    assert meant([0, 1, 0, 2, -1, 3, -1]) == {1: 1}
+    assert choice([0, 1, -1, 2, -1, 3, -1]) == {1: 2}  # nothing came near it: another one of its kind
+    assert choice([0, 1, 2, 2, -1, 3, -1]) == {1: 2}  # its mirrored one is of its kind
+    assert choice([0, 1, 0, 2, -1, 3, -1]) == {1: 1}
     small = boxes(HULL, ((50, 12, 0), SIZE), ((30, 30, 0), (4.0, 2.2, 2.2)), ((50, -15, 0), SIZE))
-    assert meant([-1, -1, -1, -1], small) == {1: 2}
-    assert meant([0, 1, -1, 2], small) == {1: 1}  # half the size of the one that corresponds
+    assert choice([-1, -1, -1, -1], small) == {1: 2}
+    assert choice([0, 1, -1, 2], small) == {1: 1}  # half the size of the one that corresponds
 
 
 def test_places_are_asked_where_the_target_is_laid() -> None:
@@ -128,14 +128,14 @@ def test_the_published_counterpart_is_the_nearest_point() -> None:
     here, there = Cloud(rng.normal(size=(30, 3))), Cloud(rng.normal(size=(40, 3)))
     fit = Registration(np.array([2.0, 1.0, 0.5]), np.eye(3), np.array([0.1, 0.2, 0.3]), 0.0, True)
     index, distance = brute(here.points, fit.to_demo(there.points))
-    for found in (
+    for actual in (
         nearest(here, there, fit),
         correspond(here, there, fit, CorrespondenceSettings(method="parts")),
     ):
-        assert found.target_index.tolist() == index
-        assert found.distance_m == pytest.approx(distance)
-        assert np.array_equal(found.target_points, there.points[index])
-        assert found.summary == "nearest of 40 target points for each of 30"
+        assert actual.target_index.tolist() == index
+        assert actual.distance_m == pytest.approx(distance)
+        assert np.array_equal(actual.target_points, there.points[index])
+        assert actual.summary == "nearest of 40 target points for each of 30"
     by_nearest = correspond(SOURCE, TARGET, SAME, CorrespondenceSettings(method="nearest"))
     assert by_nearest.target_index.tolist() == brute(SOURCE.points, TARGET.points)[0]
     by_parts = correspond(SOURCE, TARGET, SAME, CorrespondenceSettings(method="parts"))

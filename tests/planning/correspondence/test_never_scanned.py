@@ -40,26 +40,26 @@ def fit_of(source: Structure, target: Structure, registration: Registration) -> 
     return Fit(samples(source), samples(target), registration)
 
 
-def likely(found: NeverScanned) -> tuple[Floats, Floats]:
-    assert found.supposed is not None
-    mine = found.supposed.likely
-    return found.supposed.points[mine], found.supposed.normals[mine]
+def likely(missing: NeverScanned) -> tuple[Floats, Floats]:
+    assert missing.supposed is not None
+    mine = missing.supposed.likely
+    return missing.supposed.points[mine], missing.supposed.normals[mine]
 
 
 @pytest.mark.ci
 @pytest.mark.parametrize("form", slow_after(1, ["mesh", "cloud"]))
 def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> None:
     scan = cut(body()) if form == "mesh" else as_cloud(cut(body()))
-    found, here = missing_of(body(), scan), samples(body())
-    points, _ = likely(found)
+    missing, here = missing_of(body(), scan), samples(body())
+    points, _ = likely(missing)
     assert (points[:, 0] > END).all()
     lacks = here.points[:, 0] > END
-    assert found.area_m2 == pytest.approx(here.areas[lacks].sum(), rel=0.2)
-    assert np.isin(np.flatnonzero(here.points[:, 0] > END + 1.2), found.beyond).all()
+    assert missing.area_m2 == pytest.approx(here.areas[lacks].sum(), rel=0.2)
+    assert np.isin(np.flatnonzero(here.points[:, 0] > END + 1.2), missing.beyond).all()
     # Nothing moved: what is missing is supposed where it is.
-    assert np.abs(points - here.points[found.beyond]).max() < 0.1
-    assert found.error_m < 0.1
-    opening = samples(scan).points[found.opening]
+    assert np.abs(points - here.points[missing.beyond]).max() < 0.1
+    assert missing.error_m < 0.1
+    opening = samples(scan).points[missing.opening]
     assert opening[:, 0].max() > END - 0.5 and opening[:, 0].min() > -4  # it shows a long way in
 
 
@@ -67,9 +67,9 @@ def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> No
 @pytest.mark.parametrize("form", ["mesh", "cloud"])
 def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
     whole = body() if form == "mesh" else as_cloud(body())
-    found = missing_of(body(), whole)
-    assert not len(found.beyond) and not len(found.opening)
-    assert found.supposed is None and scene_for(whole, None) is scene_of(whole)
+    missing = missing_of(body(), whole)
+    assert not len(missing.beyond) and not len(missing.opening)
+    assert missing.supposed is None and scene_for(whole, None) is scene_of(whole)
 
 
 @pytest.mark.ci
@@ -78,19 +78,19 @@ def test_only_a_scan_is_asked_what_was_never_scanned_of_it() -> None:
     for surface in ("scanned", "drawn", None):
         target = replace(hull, surface=surface)
         task = surfaces_of(body(), target, settings_for("recommended"))
-        found = task.missing(Fit(*task.clouds, SAME))
-        assert (len(found.beyond) > 0) == (surface == "scanned")
-        assert (found is NOTHING_MISSING) == (surface != "scanned")
+        missing = task.missing(Fit(*task.clouds, SAME))
+        assert (len(missing.beyond) > 0) == (surface == "scanned")
+        assert (missing is NOTHING_MISSING) == (surface != "scanned")
 
 
 def test_what_is_open_on_both_was_meant_to_be() -> None:
     pipe = cut(body())
-    found = missing_of(pipe, pipe)
-    assert not len(found.beyond) and not len(found.opening)
+    missing = missing_of(pipe, pipe)
+    assert not len(missing.beyond) and not len(missing.opening)
 
 
-def likely_alone(found: NeverScanned) -> SupposedSurface | None:
-    surface = found.supposed
+def likely_alone(missing: NeverScanned) -> SupposedSurface | None:
+    surface = missing.supposed
     assert surface is not None
     rows = {
         name: getattr(surface, name)[surface.likely]
@@ -103,8 +103,8 @@ def likely_alone(found: NeverScanned) -> SupposedSurface | None:
 def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
     scan = cut(body())
     every = missing_of(body(), scan)
-    found = likely_alone(every)
-    scene, true, known = scene_for(scan, found), scene_of(body()), scene_of(scan)
+    supposed = likely_alone(every)
+    scene, true, known = scene_for(scan, supposed), scene_of(body()), scene_of(scan)
     places = np.random.default_rng(2).uniform([-9, -7, -3], [12, 7, 7], (20_000, 3))
     inside = np.abs(places - [0, 0, 1.5]) < [7, 2, 1.5]
     places = places[~inside.all(axis=1) & (true.distance(places) > 0.3)]
@@ -129,11 +129,11 @@ def test_where_a_scan_may_go_on_farther_than_was_found_is_kept_clear_of_and_hide
         np.array([14 / 11, 1, 1]), np.eye(3), np.array([-7 + 7 * 14 / 11, 0, 0]), 0.0, True
     )
     there = samples(scan)
-    found = never_scanned(body(), scan, fit_of(body(), scan, stretched))
-    supposed = found.supposed
+    missing = never_scanned(body(), scan, fit_of(body(), scan, stretched))
+    supposed = missing.supposed
     assert supposed is not None
     doubtful = supposed.points[~supposed.likely]
-    assert supposed.points[supposed.likely, 0].max(initial=4) < 5 and found.reach_m > 1
+    assert supposed.points[supposed.likely, 0].max(initial=4) < 5 and missing.reach_m > 1
     assert doubtful[:, 0].max() > 6 and doubtful[:, 0].min() > 3
     np.testing.assert_allclose(np.linalg.norm(supposed.normals, axis=1), 1, atol=1e-9)
     scene = with_supposed(scene_of(scan), supposed)
@@ -174,10 +174,10 @@ def test_areas_and_normals_are_those_of_the_surface_once_it_was_stretched() -> N
     size = np.array([2.0, 0.5, 3.0])
     stretched = replace(cut(body()), vertices=cut(body()).vertices * size)
     back = Registration(1 / size, np.eye(3), np.zeros(3), 0.0, True)
-    found = never_scanned(body(), stretched, fit_of(body(), stretched, back))
+    missing = never_scanned(body(), stretched, fit_of(body(), stretched, back))
     whole = replace(body(), vertices=body().vertices * size)
-    assert found.area_m2 == pytest.approx(_area(whole, END * 2), rel=0.2)
-    points, normals = likely(found)
+    assert missing.area_m2 == pytest.approx(_area(whole, END * 2), rel=0.2)
+    points, normals = likely(missing)
     assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-9
     end = points[:, 0] > 13.9
     assert end.any() and normals[end, 0].max() > 0.999
@@ -187,8 +187,8 @@ def test_areas_and_normals_are_those_of_the_surface_once_it_was_stretched() -> N
 def test_where_nothing_lies_on_what_was_scanned_nothing_fails() -> None:
     scan = cut(body())
     far = replace(SAME, translation=np.array([200.0, 0, 0]))
-    found = never_scanned(body(), scan, fit_of(body(), scan, far))
-    assert np.isfinite(found.error_m) and found.error_m >= 0
+    missing = never_scanned(body(), scan, fit_of(body(), scan, far))
+    assert np.isfinite(missing.error_m) and missing.error_m >= 0
 
 
 def _area(structure: Structure, beyond: float) -> float:
@@ -200,10 +200,10 @@ def _area(structure: Structure, beyond: float) -> float:
 @pytest.mark.ci
 def test_ways_round_lead_round_what_was_never_scanned() -> None:
     scan = cut(body())
-    found, there = missing_of(body(), scan), samples(scan)
-    both = obstacle(there, found.supposed)
-    assert found.supposed is not None and len(both) == len(there) + len(found.supposed.points)
-    assert found.supposed.likely.sum() == len(found.beyond)
+    missing, there = missing_of(body(), scan), samples(scan)
+    both = obstacle(there, missing.supposed)
+    assert missing.supposed is not None and len(both) == len(there) + len(missing.supposed.points)
+    assert missing.supposed.likely.sum() == len(missing.beyond)
     assert both.points[:, 0].max() > 6.5 > END + 0.5 > there.points[:, 0].max()
     assert obstacle(there, NOTHING_MISSING.supposed) is there
 

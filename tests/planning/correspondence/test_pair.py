@@ -43,12 +43,12 @@ def fit_of(source: Cloud, target: Cloud, here: list[int] | None, there: list[int
 def test_the_declared_turn_is_from_the_targets_axes_to_the_sources(
     source: float, target: float, turn: float
 ) -> None:
-    found = registration.declared_for(structure("a", source), structure("b", target)).turn
+    actual = registration.declared_for(structure("a", source), structure("b", target)).turn
     angle = np.radians(turn)
-    wanted = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
-    np.testing.assert_allclose(found, wanted, atol=1e-8)
+    expected = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    np.testing.assert_allclose(actual, expected, atol=1e-8)
     if turn == 0:
-        assert np.array_equal(found, np.eye(3))
+        assert np.array_equal(actual, np.eye(3))
 
 
 def test_rounding_of_headings_is_no_turn() -> None:
@@ -59,13 +59,13 @@ def test_rounding_of_headings_is_no_turn() -> None:
 
 def test_each_ruler_has_the_settings_of_its_preset_and_the_clouds_that_were_asked_for() -> None:
     clouds = replace(RECOMMENDED.clouds, seed=7)
-    asked = settings_for("paper", clouds={"seed": 7}, correspondence={"counterparts": (("a", "b"),)})
-    assert voxel_settings(asked) is asked and surface_settings(RECOMMENDED) is RECOMMENDED
-    for found, preset in ((surface_settings(asked), RECOMMENDED),
+    chosen = settings_for("paper", clouds={"seed": 7}, correspondence={"counterparts": (("a", "b"),)})
+    assert voxel_settings(chosen) is chosen and surface_settings(RECOMMENDED) is RECOMMENDED
+    for settings, preset in ((surface_settings(chosen), RECOMMENDED),
                           (voxel_settings(replace(RECOMMENDED, clouds=clouds)), PAPER)):  # fmt: skip
-        assert found.clouds == clouds and found.registration == preset.registration
-        assert found.visibility == preset.visibility
-    assert surface_settings(asked).correspondence == replace(
+        assert settings.clouds == clouds and settings.registration == preset.registration
+        assert settings.visibility == preset.visibility
+    assert surface_settings(chosen).correspondence == replace(
         RECOMMENDED.correspondence, counterparts=(("a", "b"),)
     )
     fits = cast(Any, SimpleNamespace(voxels="voxels", surface="surface"))
@@ -109,9 +109,9 @@ def test_crumbs_are_not_counted_as_parts() -> None:
 FIT = Registration(np.array([2.0, 1, 1]), np.eye(3), np.array([1.0, 0, 0]), 0.0, True)
 
 
-def task_of(source: Cloud, target: Cloud, scans: tuple[bool, bool] = (False, False), **asked: Any) -> Task:
+def task_of(source: Cloud, target: Cloud, scans: tuple[bool, bool] = (False, False), **choices: Any) -> Task:
     both = structure("s", is_scan=scans[0]), structure("t", is_scan=scans[1])
-    settings = settings_for("recommended", correspondence=asked)
+    settings = settings_for("recommended", correspondence=choices)
     return Task(*both, settings, no_memo, (source, target), Declared(), ("surface",))
 
 
@@ -120,22 +120,22 @@ def inferred_from_other(
 ) -> tuple[Fit, dict[str, Any]]:
     """The fit where the parts of one are inferred from the other's, and what everybody was given."""
     clouds = boxes(HULL, FIN, number=40), boxes(HULL, POD, number=50)
-    given: dict[str, Any] = {"clouds": clouds, "label": np.arange(len(clouds[one])) % 2}
+    calls: dict[str, Any] = {"clouds": clouds, "label": np.arange(len(clouds[one])) % 2}
 
     def parts_like(whole: Cloud, skin: Any, known: Cloud) -> Any:
-        given.update(whole=whole, skin=skin, known=known)
-        return given["label"]
+        calls.update(whole=whole, skin=skin, known=known)
+        return calls["label"]
 
     def rotor_turned(known: Cloud, whole: Cloud) -> Cloud:
-        given.update(turned=(known, whole))
+        calls.update(turned=(known, whole))
         return known
 
     def register(*of: Any) -> Registration:
-        given["registered"] = of[:2]
+        calls["registered"] = of[:2]
         return replace(FIT, acceptance=0.5)
 
-    def correspond(source: Cloud, target: Cloud, found: Registration, *rest: Any) -> Correspondences:
-        given["matched"] = (source, target), found, rest[0].counterparts, rest[-1]
+    def correspond(source: Cloud, target: Cloud, registration: Registration, *rest: Any) -> Correspondences:
+        calls["matched"] = (source, target), registration, rest[0].counterparts, rest[-1]
         return pair_fits.NOTHING
 
     monkeypatch.setattr(pair, "parts_like", parts_like)
@@ -149,7 +149,7 @@ def inferred_from_other(
     monkeypatch.setattr(pair, "correspond", correspond)
     task = pair._with_inferred_parts(task_of(*clouds, counterparts=(("a", "b"),)), Fit(*clouds, FIT), one)
     assert len(task.names) == 2  # nothing of these clouds is remembered as of those without parts
-    return task.fit_labelled(one, FIT), given
+    return task.fit_labelled(one, FIT), calls
 
 
 def same_points(one: Cloud, other: Floats) -> bool:
@@ -160,17 +160,17 @@ def same_points(one: Cloud, other: Floats) -> bool:
 def test_the_parts_of_one_are_inferred_in_the_frame_of_the_source(
     one: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fit, given = inferred_from_other(one, monkeypatch)
-    clouds = given["clouds"]
+    fit, calls = inferred_from_other(one, monkeypatch)
+    clouds = calls["clouds"]
     frames = clouds[0].points, in_source_frame(clouds[1], FIT).points
-    assert same_points(given["whole"], frames[one]) and same_points(given["known"], frames[1 - one])
-    assert same_points(given["turned"][0], frames[1 - one]) and same_points(given["turned"][1], frames[one])
-    assert given["skin"] == (f"scene of {'st'[one]}", clouds[one])
-    assert fit.inferred == one and fit.registration is FIT and "registered" not in given
+    assert same_points(calls["whole"], frames[one]) and same_points(calls["known"], frames[1 - one])
+    assert same_points(calls["turned"][0], frames[1 - one]) and same_points(calls["turned"][1], frames[one])
+    assert calls["skin"] == (f"scene of {'st'[one]}", clouds[one])
+    assert fit.inferred == one and fit.registration is FIT and "registered" not in calls
     both = fit.source, fit.target
-    assert np.array_equal(both[one].part, given["label"]) and both[1 - one] is clouds[1 - one]
+    assert np.array_equal(both[one].part, calls["label"]) and both[1 - one] is clouds[1 - one]
     assert np.array_equal(both[one].points, clouds[one].points)
-    matched, registration_of, counterparts, named = given["matched"]
+    matched, registration_of, counterparts, named = calls["matched"]
     assert matched == both and registration_of is FIT and counterparts == ()
     assert np.array_equal(named, np.arange(len(clouds[1]))) and fit.carried is named
 
@@ -178,10 +178,10 @@ def test_the_parts_of_one_are_inferred_in_the_frame_of_the_source(
 def test_where_a_rotor_stopped_otherwise_the_registration_is_made_anew(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    fit, given = inferred_from_other(1, monkeypatch, blades=True)
+    fit, calls = inferred_from_other(1, monkeypatch, blades=True)
     assert fit.registration.acceptance == 0.5
-    assert given["registered"] == (fit.source, fit.target)
-    assert given["matched"][1] is fit.registration
+    assert calls["registered"] == (fit.source, fit.target)
+    assert calls["matched"][1] is fit.registration
 
 
 def test_what_is_remembered_of_a_fit_depends_on_all_that_went_in() -> None:
@@ -214,7 +214,7 @@ def fitted(
     explained: list[float],
     monkeypatch: pytest.MonkeyPatch,
     scans: tuple[bool, bool] = (False, False),
-    **asked: Any,
+    **choices: Any,
 ) -> tuple[Fit, list[Any]]:
     """The fit of the surfaces where parts are known of some, and so much of them is matched, one by one."""
     clouds = [boxes(HULL, FIN, POD, number=60) if has else boxes(HULL, number=60) for has in known]
@@ -236,7 +236,7 @@ def fitted(
     monkeypatch.setattr(pair, "pieces_tell_parts", pair.has_parts)
     monkeypatch.setattr(pair, "explained", lambda _: next(shares))
     monkeypatch.setattr(Task, "with_carried", lambda _, fit: replace(fit, carried=np.zeros(1, np.int64)))
-    return pair.surface_fit(task_of(clouds[0], clouds[1], scans, **asked)), calls
+    return pair.surface_fit(task_of(clouds[0], clouds[1], scans, **choices)), calls
 
 
 PLAIN = ("matched", (), 1)
@@ -265,13 +265,13 @@ def test_a_surface_of_one_piece_has_its_parts_told_by_the_other(
     assert fit.inferred == one and fit.carried is None
 
 
-@pytest.mark.parametrize(("brought", "name"), [(0, -1), (2, 2), (-1, -1)])
-def test_a_part_that_boxes_left_is_named_by_what_is_brought_there(brought: int, name: int) -> None:
+@pytest.mark.parametrize(("part", "name"), [(0, -1), (2, 2), (-1, -1)])
+def test_a_part_that_boxes_left_is_named_by_what_is_brought_there(part: int, name: int) -> None:
     """If that was left too: a nacelle that was drawn with its pylon here, and without it there."""
     cloud = boxes(HULL, FIN, POD)
     label = labels_of(cloud)
     fit = fit_of(cloud, cloud, [0, 1, -1], [0, 1, -1])
-    named = named_by_displacement(replace(fit, carried=np.where(label == 2, brought, label)))
+    named = named_by_displacement(replace(fit, carried=np.where(label == 2, part, label)))
     assert (named == np.where(label == 2, name, -1)).all()
     assert (named_by_displacement(fit) == -1).all()
 
@@ -282,7 +282,7 @@ def test_two_surfaces_of_one_piece_have_no_parts(monkeypatch: pytest.MonkeyPatch
 
 
 def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: dict[str, Any] = {}
+    tasks: dict[str, Any] = {}
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     half = quarter @ quarter
     cloud = boxes(HULL, number=60)
@@ -290,7 +290,7 @@ def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyP
     supposed = SimpleNamespace(supposed="what is missing")
 
     def registration_of(task: Task) -> Registration:
-        given[task.names] = task
+        tasks[task.names] = task
         return FIT
 
     monkeypatch.setattr(pair, "scene_of", lambda each: f"scene of {each.sha256}")
@@ -303,7 +303,7 @@ def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(pair, "without", lambda match, *_: match)
     monkeypatch.setattr(pair, "with_supposed", lambda scene, supposed: f"{scene} and {supposed}")
     for settings, turn in ((RECOMMENDED, quarter @ half), (PAPER, np.eye(3))):
-        found = study_pair(structure("s"), structure("t"), settings)
-        assert found.surface.registration is surface.registration and found.source_scene == "scene of s"
-        assert found.target_scene == "scene of t and what is missing" and found.supposed == "what is missing"
-        assert np.array_equal(given[("voxels",)].declared.turn, turn)
+        study = study_pair(structure("s"), structure("t"), settings)
+        assert study.surface.registration is surface.registration and study.source_scene == "scene of s"
+        assert study.target_scene == "scene of t and what is missing" and study.supposed == "what is missing"
+        assert np.array_equal(tasks[("voxels",)].declared.turn, turn)

@@ -63,9 +63,9 @@ def blade(degrees: float, length: float = 30.0, width: float = 1.0) -> tuple[Flo
 def test_a_blade_that_stopped_elsewhere_is_turned(degrees: float) -> None:
     here, there = blade(0.0), blade(degrees, 45.0, 2.0)
     moved = aligned_parts(patch(*here), patch(*there), turned_only=True)
-    wanted = blade(degrees, 45.0, 2.0)[0]
-    assert np.linalg.norm(moved.points[:900] - wanted, axis=1).max() < 0.8
-    assert moved.points[:900] @ [1, 0, 0] == pytest.approx(wanted @ [1, 0, 0], abs=0.25)
+    expected = blade(degrees, 45.0, 2.0)[0]
+    assert np.linalg.norm(moved.points[:900] - expected, axis=1).max() < 0.8
+    assert moved.points[:900] @ [1, 0, 0] == pytest.approx(expected @ [1, 0, 0], abs=0.25)
     turn = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
     assert moved.normals[:900] == pytest.approx(here[1] @ turn.T, abs=0.08)
 
@@ -111,7 +111,7 @@ def test_the_misfit_of_parts_grows_with_what_differs() -> None:
     wedge = same.copy()
     wedge[:, 2] = 1 + (wedge[:, 2] - 1) * (1 - (wedge[:, 0] - 30) / 9)
     area = np.ones(600)
-    found = [
+    misfits = [
         misfit_of_parts(
             Cloud(here, facing, area),
             np.ones(600, bool),
@@ -121,5 +121,5 @@ def test_the_misfit_of_parts_grows_with_what_differs() -> None:
         )
         for there, normals in ((here, facing), (same, faces), (wedge, faces), (same, -faces))
     ]
-    assert found[0] == pytest.approx(0, abs=1e-9)
-    assert found[0] < found[1] < found[2] and found[1] < 1 < found[3]
+    assert misfits[0] == pytest.approx(0, abs=1e-9)
+    assert misfits[0] < misfits[1] < misfits[2] and misfits[1] < 1 < misfits[3]

@@ -32,9 +32,9 @@ def without(cloud: Cloud, gone: np.ndarray) -> Cloud:
     return Cloud(cloud.points[~gone], cloud.normals[~gone], cloud.area_m2[~gone])
 
 
-def off(found: Registration, right: Registration, cloud: Cloud, source: Cloud) -> float:
+def off(registration: Registration, right: Registration, cloud: Cloud, source: Cloud) -> float:
     """Mean distance of where two registrations lay a cloud, over the source's diagonal."""
-    apart = np.linalg.norm(found.to_demo(cloud.points) - right.to_demo(cloud.points), axis=1)
+    apart = np.linalg.norm(registration.to_demo(cloud.points) - right.to_demo(cloud.points), axis=1)
     return float(apart.mean() / diagonal_of(source.points))
 
 
@@ -55,10 +55,10 @@ def test_where_an_end_is_missing_the_rest_is_not_stretched(
     along = end * whole.points[:, axis]
     cut = without(whole, along > along.max() - share * np.ptp(along))
     right = box_on_box(here, whole)
-    found = fitted(here, cut, 1.0)
+    registration = fitted(here, cut, 1.0)
     assert off(box_on_box(here, cut), right, whole, here) > 0.06
-    assert off(found, right, whole, here) < 0.04
-    assert "what is on both" in found.evidence
+    assert off(registration, right, whole, here) < 0.04
+    assert "what is on both" in registration.evidence
 
 
 @pytest.mark.parametrize("target", ["b777-v1", "a320-v1"])
@@ -95,9 +95,9 @@ def test_what_the_box_would_refuse_is_laid_where_what_was_scanned_fits(
     here, whole = clouds["a320-v1"], clouds["b777-v1"]
     cut = without(whole, whole.points[:, 0] < whole.points[:, 0].min() + share * np.ptp(whole.points[:, 0]))
     assert misfit_of(here, cut, box_on_box(here, cut)).value > 1
-    found = fitted(here, cut, 1.0)
-    assert found.accepted and found.scanned < 0.2 and "what is on both" in found.evidence
-    assert off(found, box_on_box(here, whole), cut, here) < 0.05
+    registration = fitted(here, cut, 1.0)
+    assert registration.accepted and registration.scanned < 0.2 and "what is on both" in registration.evidence
+    assert off(registration, box_on_box(here, whole), cut, here) < 0.05
 
 
 @pytest.mark.parametrize("name", ["a320-v1", "b777-v1"])
@@ -128,9 +128,9 @@ def test_where_the_scan_is_open_the_rest_is_not_stretched_to_the_whole(
     here, whole = clouds[source], clouds[target]
     right, scan = box_on_box(here, whole), cut_open(whole, 0, 0.3, end)
     assert off(box_on_box(here, scan), right, whole, here) > 0.15  # box on box, as if it were whole
-    found = fitted(here, scan, 1.0)
-    assert off(found, right, whole, here) < 0.02 and "by what was scanned" in found.evidence
-    assert found.accepted and register(here, scan, settings_for("recommended").registration).accepted
+    registration = fitted(here, scan, 1.0)
+    assert off(registration, right, whole, here) < 0.02 and "by what was scanned" in registration.evidence
+    assert registration.accepted and register(here, scan, settings_for("recommended").registration).accepted
 
 
 def plain(length: float, left: float = 1.0) -> Cloud:
@@ -139,9 +139,9 @@ def plain(length: float, left: float = 1.0) -> Cloud:
     along, angle = rng.uniform(0, length, 8000), rng.uniform(0, 2 * np.pi, 8000)
     round_ = np.column_stack([np.zeros(8000), np.cos(angle), np.sin(angle)])
     points = np.column_stack([along, np.zeros((8000, 2))]) + (4 - 0.8 * along / length)[:, None] * round_
-    kept = along < left * length
-    rim = along[kept] > left * length - 2
-    return Cloud(points[kept], round_[kept], np.full(kept.sum(), 0.2), open=rim & (left < 1))
+    scanned = along < left * length
+    rim = along[scanned] > left * length - 2
+    return Cloud(points[scanned], round_[scanned], np.full(scanned.sum(), 0.2), open=rim & (left < 1))
 
 
 def test_where_samples_cannot_tell_how_far_a_target_goes_on_it_may_go_on() -> None:

@@ -28,17 +28,17 @@ def cloud(seed: int, number: int = 300) -> Cloud:
 def test_boxes_are_matched_and_icp_turns_the_target(degrees: float) -> None:
     source, turn = cloud(0), about_z(degrees)
     target = Cloud((cloud(1).points * [2, 1, 3] + [5, 5, 5]) @ turn)
-    found = published(source, target, PAPER, turn)
+    registration = published(source, target, PAPER, turn)
     straight = target.points @ turn.T
     scale = np.ptp(source.points, axis=0) / np.ptp(straight, axis=0)
     boxed = scale * (straight - straight.min(axis=0)) + source.points.min(axis=0)
     rotation, translation = icp(source.points, boxed, PAPER.iterations)
     aligned = (boxed - translation) @ rotation
-    assert found.to_demo(target.points) == pytest.approx(aligned)
-    assert found.scale == pytest.approx(scale)
+    assert registration.to_demo(target.points) == pytest.approx(aligned)
+    assert registration.scale == pytest.approx(scale)
     nearest = np.linalg.norm(source.points[:, None] - aligned, axis=2).min(axis=1)
-    assert found.score_m2 == pytest.approx(np.mean(nearest**2))
-    assert np.array_equal(found.turn, turn)
+    assert registration.score_m2 == pytest.approx(np.mean(nearest**2))
+    assert np.array_equal(registration.turn, turn)
 
 
 def test_the_gate_is_gamma_times_the_squared_spacing() -> None:
@@ -81,29 +81,31 @@ def test_what_is_alike_is_accepted_and_what_is_not_is_told() -> None:
     assert refused.reason.startswith(
         f"the structures do not correspond: misfit {refused.acceptance:.2f}, gate 1 ("
     )
-    found = fitted(SHIP, LIKE, 1.0)
-    assert found.acceptance == pytest.approx(same.acceptance) and np.isnan(found.score_m2)
+    registration = fitted(SHIP, LIKE, 1.0)
+    assert registration.acceptance == pytest.approx(same.acceptance) and np.isnan(registration.score_m2)
     assert not fitted(SHIP, LIKE, same.acceptance).accepted
 
 
 def test_a_heading_that_would_fit_better_is_mentioned() -> None:
     turned = Cloud(LIKE.points @ about_z(180.0), LIKE.normals @ about_z(180.0), LIKE.area_m2, LIKE.part)  # type: ignore[operator]
-    found = register(SHIP, turned, JUDGED)
-    assert "; turned by " in found.evidence and "check its declared forward axis" in found.evidence
-    assert "180 deg about the vertical" in found.evidence or "-180 deg" in found.evidence
+    registration = register(SHIP, turned, JUDGED)
+    assert (
+        "; turned by " in registration.evidence and "check its declared forward axis" in registration.evidence
+    )
+    assert "180 deg about the vertical" in registration.evidence or "-180 deg" in registration.evidence
     assert "check its declared" not in register(SHIP, LIKE, JUDGED).evidence
     searched = register(SHIP, turned, replace(JUDGED, search="heading"))
     assert searched.accepted and searched.runner_up_gap > 0.15
     assert searched.evidence.startswith("36 orientations tried; turned by 180 deg")
-    assert searched.acceptance < found.acceptance
+    assert searched.acceptance < registration.acceptance
 
 
 def test_misfit_is_overlap_gap_and_stretch() -> None:
     scale = np.array([1.0, 1.3, 1.0])
     wide = Cloud(LIKE.points / scale, LIKE.normals, LIKE.area_m2, LIKE.part)
-    found = misfit_of(SHIP, wide, box_on_box(SHIP, wide))
-    assert found.stretch == pytest.approx(np.log(1.3), abs=0.01)
-    assert found.value == pytest.approx((1 - found.overlap) / 0.45 + found.gap / 0.09 + found.stretch / 6)
+    misfit = misfit_of(SHIP, wide, box_on_box(SHIP, wide))
+    assert misfit.stretch == pytest.approx(np.log(1.3), abs=0.01)
+    assert misfit.value == pytest.approx((1 - misfit.overlap) / 0.45 + misfit.gap / 0.09 + misfit.stretch / 6)
     same = misfit_of(SHIP, LIKE, box_on_box(SHIP, LIKE))
     assert same.overlap > 0.99 and same.gap < 0.004 and same.where == ""
     far = misfit_of(SHIP, OTHER, box_on_box(SHIP, OTHER))
@@ -127,6 +129,6 @@ def test_the_gap_is_the_mean_beyond_the_spacing() -> None:
         np.vstack([grid + np.array([0, 0, 4]), [[0, 0, 0.0]]]), np.vstack([top, up]), area, np.zeros(442, int)
     )
     fit = box_on_box(low, low)
-    found = misfit_of(low, high, fit)
+    misfit = misfit_of(low, high, fit)
     diagonal = np.sqrt(400 + 400 + 100)
-    assert found.gap == pytest.approx(3 / diagonal, rel=0.02)
+    assert misfit.gap == pytest.approx(3 / diagonal, rel=0.02)

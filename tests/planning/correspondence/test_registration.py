@@ -38,18 +38,18 @@ def cloud(points: np.ndarray) -> Cloud:
 
 def test_identity() -> None:
     points = blob()
-    found = register(cloud(points), cloud(points), PAPER)
-    assert found.accepted and found.reason == ""
-    assert found.score_m2 == pytest.approx(0, abs=1e-18)
-    np.testing.assert_allclose(found.scale, 1)
-    np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-9)
-    np.testing.assert_allclose(found.translation, 0, atol=1e-9)
+    registration = register(cloud(points), cloud(points), PAPER)
+    assert registration.accepted and registration.reason == ""
+    assert registration.score_m2 == pytest.approx(0, abs=1e-18)
+    np.testing.assert_allclose(registration.scale, 1)
+    np.testing.assert_allclose(registration.rotation, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(registration.translation, 0, atol=1e-9)
 
 
 def test_round_trip_of_frames() -> None:
-    found = register(cloud(blob()), cloud(blob(1) * [2.0, 3.0, 0.5] + 7), PAPER)
+    registration = register(cloud(blob()), cloud(blob(1) * [2.0, 3.0, 0.5] + 7), PAPER)
     points = blob(2)
-    np.testing.assert_allclose(found.to_target(found.to_demo(points)), points, atol=1e-9)
+    np.testing.assert_allclose(registration.to_target(registration.to_demo(points)), points, atol=1e-9)
 
 
 @pytest.mark.parametrize("shift", [[0.0, 0, 0], [100.0, -40, 3]])
@@ -113,9 +113,12 @@ def test_refusal_says_score_and_gate() -> None:
     rng = np.random.default_rng(0)
     box = rng.random((500, 3)) * [20.0, 8, 8]
     line = np.concatenate([rng.random((500, 3)) * [20.0, 0.1, 0.1], [[0, 0, 0], [20, 8, 8]]])
-    found = register(cloud(box), cloud(line), PAPER)
-    assert not found.accepted
-    assert f"{found.score_m2:.3g} m^2" in found.reason and f"gate {PAPER.gamma:.3g} m^2" in found.reason
+    registration = register(cloud(box), cloud(line), PAPER)
+    assert not registration.accepted
+    assert (
+        f"{registration.score_m2:.3g} m^2" in registration.reason
+        and f"gate {PAPER.gamma:.3g} m^2" in registration.reason
+    )
 
 
 RECOMMENDED = settings_for("recommended").registration
@@ -133,9 +136,9 @@ def turned(target: Cloud, rotation: np.ndarray) -> Cloud:
 
 def test_recommended_identity() -> None:
     one = surface("a320-v1")
-    found = register(one, one, RECOMMENDED)
-    assert found.accepted and found.acceptance == pytest.approx(0, abs=1e-9)
-    np.testing.assert_allclose(found.to_demo(one.points), one.points, atol=1e-9)
+    registration = register(one, one, RECOMMENDED)
+    assert registration.accepted and registration.acceptance == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(registration.to_demo(one.points), one.points, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -155,15 +158,17 @@ def test_recommended_identity() -> None:
     ],
 )
 def test_the_same_kind_is_accepted_and_another_refused(source: str, target: str, same: bool) -> None:
-    found = register(surface(source), surface(target), RECOMMENDED)
-    assert found.accepted == same
-    assert (found.acceptance < RECOMMENDED.acceptance) == same
+    registration = register(surface(source), surface(target), RECOMMENDED)
+    assert registration.accepted == same
+    assert (registration.acceptance < RECOMMENDED.acceptance) == same
 
 
 def test_a_refusal_says_what_and_where() -> None:
-    found = register(surface("a320-v1"), surface("bridge-1-v1"), RECOMMENDED)
-    assert "do not correspond" in found.reason and "gate 1 " in found.reason
-    assert "section of the" in found.reason and "% of its area, has no counterpart" in found.reason
+    registration = register(surface("a320-v1"), surface("bridge-1-v1"), RECOMMENDED)
+    assert "do not correspond" in registration.reason and "gate 1 " in registration.reason
+    assert (
+        "section of the" in registration.reason and "% of its area, has no counterpart" in registration.reason
+    )
 
 
 def test_acceptance_is_free_of_density_scale_and_place() -> None:
@@ -187,35 +192,35 @@ def test_where_the_rotor_stopped_does_not_matter() -> None:
 def test_heading_is_found(source: str, target: str, heading_deg: float) -> None:
     one, other = surface(source), surface(target)
     away = Rotation.from_euler("z", heading_deg, degrees=True).as_matrix()
-    found = register(one, turned(other, away), replace(RECOMMENDED, search="heading"))
-    assert found.accepted
-    off = Rotation.from_matrix(found.rotation @ found.turn @ away).magnitude()
+    registration = register(one, turned(other, away), replace(RECOMMENDED, search="heading"))
+    assert registration.accepted
+    off = Rotation.from_matrix(registration.rotation @ registration.turn @ away).magnitude()
     assert np.degrees(off) < 3
-    assert found.runner_up_gap > 0.15
+    assert registration.runner_up_gap > 0.15
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_orientation_is_found(seed: int) -> None:
     one, other = surface("a320-v1"), surface("b777-v1")
     away = Rotation.random(random_state=seed).as_matrix()
-    found = register(one, turned(other, away), replace(RECOMMENDED, search="orientation"))
-    assert found.accepted
-    assert np.degrees(Rotation.from_matrix(found.rotation @ found.turn @ away).magnitude()) < 6
+    registration = register(one, turned(other, away), replace(RECOMMENDED, search="orientation"))
+    assert registration.accepted
+    assert np.degrees(Rotation.from_matrix(registration.rotation @ registration.turn @ away).magnitude()) < 6
 
 
 def test_symmetric_structures_keep_the_declared_heading_and_say_so() -> None:
-    found = register(surface("cube-v1"), surface("cube-v1"), replace(RECOMMENDED, search="heading"))
-    np.testing.assert_allclose(found.turn, np.eye(3), atol=1e-9)
-    assert found.runner_up_gap < 0.15
-    assert "declared heading is used" in found.evidence
+    registration = register(surface("cube-v1"), surface("cube-v1"), replace(RECOMMENDED, search="heading"))
+    np.testing.assert_allclose(registration.turn, np.eye(3), atol=1e-9)
+    assert registration.runner_up_gap < 0.15
+    assert "declared heading is used" in registration.evidence
 
 
 def test_a_wrong_heading_is_mentioned_and_a_right_one_is_not() -> None:
     one, other = surface("a320-v1"), surface("b777-v1")
     assert "declared forward axis" not in register(one, other, RECOMMENDED).evidence
     about = turned(other, np.diag([-1.0, -1.0, 1.0]))
-    said = re.search(r"turned by (-?\d+) deg about the vertical", register(one, about, RECOMMENDED).evidence)
-    assert said is not None and abs(int(said[1])) > 170
+    match = re.search(r"turned by (-?\d+) deg about the vertical", register(one, about, RECOMMENDED).evidence)
+    assert match is not None and abs(int(match[1])) > 170
     aside = register(one, turned(other, Rotation.from_euler("z", 90, degrees=True).as_matrix()), RECOMMENDED)
     assert not aside.accepted and "check its declared forward axis" in aside.reason
 

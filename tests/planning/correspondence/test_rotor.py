@@ -38,8 +38,8 @@ def test_blades_of_a_scan_are_found_wherever_the_rotor_stopped(degrees: float) -
     target, blade = stopped(degrees)
     fit = study_pair(member("turbine-1-v1").structure, one_piece(target), settings_for("recommended")).surface
     true = blade[scene_of(target, 1).closest(fit.target.points)[1]]
-    found = blades_of(fit.target)
-    assert (found & true).sum() > 0.9 * (found | true).sum()
+    blades = blades_of(fit.target)
+    assert (blades & true).sum() > 0.9 * (blades | true).sum()
     assert fit.registration.accepted
 
 
@@ -58,26 +58,26 @@ def test_a_cloud_is_laid_with_its_box_on_anothers() -> None:
     rng = np.random.default_rng(0)
     cloud = Cloud(rng.uniform(0, 1, (50, 3)), np.tile([0.6, 0.0, 0.8], (50, 1)))
     other = rng.uniform(0, 1, (60, 3)) * [8.0, 2, 4] + [1.0, 2, 3]
-    found = _in_box_of(cloud, other)
+    laid = _in_box_of(cloud, other)
     for of in (np.min, np.max):
-        np.testing.assert_allclose(of(found.points, axis=0), of(other, axis=0))
+        np.testing.assert_allclose(of(laid.points, axis=0), of(other, axis=0))
     scale = np.ptp(other, axis=0) / np.ptp(cloud.points, axis=0)
     normal = np.array([0.6, 0, 0.8]) / scale
-    assert found.normals is not None
-    np.testing.assert_allclose(found.normals, np.tile(normal / np.linalg.norm(normal), (50, 1)))
+    assert laid.normals is not None
+    np.testing.assert_allclose(laid.normals, np.tile(normal / np.linalg.norm(normal), (50, 1)))
 
 
 def mill(degrees: float) -> tuple[Cloud, np.ndarray]:
     """A tower and three blades before it, as parts, and which samples are of blades."""
     rng = np.random.default_rng(1)
-    made = [(rng.uniform([-1, -1, 0], [1, 1, 30], (900, 3)), 0)]
+    samples = [(rng.uniform([-1, -1, 0], [1, 1, 30], (900, 3)), 0)]
     for blade in range(3):
         angle = np.radians(degrees + 120 * blade)
         own = rng.uniform([-0.2, -0.5, 1], [0.2, 0.5, 15], (200, 3))
         turn = Rotation.from_rotvec([angle, 0, 0])
-        made.append((turn.apply(own) + np.array([2.0, 0, 30]), blade + 1))
-    points = np.concatenate([each for each, _ in made])
-    label = np.concatenate([np.full(len(each), part) for each, part in made])
+        samples.append((turn.apply(own) + np.array([2.0, 0, 30]), blade + 1))
+    points = np.concatenate([each for each, _ in samples])
+    label = np.concatenate([np.full(len(each), part) for each, part in samples])
     normals = np.tile([1.0, 0, 0], (len(points), 1))
     return Cloud(points, normals, np.ones(len(points)), label), label > 0
 
@@ -86,13 +86,13 @@ def mill(degrees: float) -> tuple[Cloud, np.ndarray]:
 def test_the_turn_that_lies_best_is_found_in_steps(degrees: float) -> None:
     known, blade = mill(0.0)
     there, _ = mill(degrees)
-    found = rotor_turned(known, Cloud(there.points))
-    np.testing.assert_allclose(np.ptp(found.points, axis=0), np.ptp(there.points, axis=0))
+    turned = rotor_turned(known, Cloud(there.points))
+    np.testing.assert_allclose(np.ptp(turned.points, axis=0), np.ptp(there.points, axis=0))
     before = cKDTree(there.points).query(known.points[blade])[0].mean()
-    after = cKDTree(there.points).query(found.points[blade])[0].mean()
+    after = cKDTree(there.points).query(turned.points[blade])[0].mean()
     assert after < 0.7 and (degrees in (0.0,) or after < 0.5 * before)
     tower = ~blade
-    assert np.abs(found.points[tower] - known.points[tower]).max() < 3
+    assert np.abs(turned.points[tower] - known.points[tower]).max() < 3
 
 
 def test_what_has_no_blades_or_no_normals_comes_back_as_it_is() -> None:

@@ -33,7 +33,7 @@ from upplied.samples.pilot import fly
 SETTINGS = settings_for("recommended")
 
 
-class Kept(dict):
+class Memory(dict):
     """Remembers, as a catalog does."""
 
     def __call__(self, stage: str, record_type: type, key: str, compute: Any) -> Any:
@@ -42,7 +42,7 @@ class Kept(dict):
         return self[stage, key]
 
 
-MEMO = Kept()
+MEMO = Memory()
 
 
 def model(name: str, called: str = "") -> Any:
@@ -66,8 +66,8 @@ def studied(source: Any, target: Any, siblings: Any) -> Fit:
 
 def most_named(structure_id: str, points: Any) -> str:
     of = member(structure_id)
-    found = np.array(of.part_names)[of.part_of_triangle[scene_of(of.structure, 1).closest(points)[1]]]
-    each, count = np.unique(found, return_counts=True)
+    names = np.array(of.part_names)[of.part_of_triangle[scene_of(of.structure, 1).closest(points)[1]]]
+    each, count = np.unique(names, return_counts=True)
     return str(each[count.argmax()])
 
 
@@ -91,11 +91,11 @@ def test_of_two_scans_only_a_sibling_tells_parts() -> None:
 def test_a_sibling_with_four_engines_tells_all_of_a_scan() -> None:
     fit = studied(A320, SCAN, [model("b747-v1", "another-747")])
     assert fit.labelling is not None and fit.labelling.by_source is not None
-    found = [
+    names = [
         most_named("b747-v1", fit.target.points[labels_of(fit.target) == part])
         for part in range(labels_of(fit.target).max() + 1)
     ]
-    assert sorted(name for name in found if "engine" in name) == [
+    assert sorted(name for name in names if "engine" in name) == [
         "engine_left",
         "engine_left_outer",
         "engine_right",
@@ -140,10 +140,10 @@ def test_a_target_that_tells_its_parts_needs_no_sibling() -> None:
 def test_proportions_know_neither_size_nor_order(order: list[int], scale: float, most: int) -> None:
     sizes = np.array([(10.0 + 7 * k, 10.0, 5.0 + k % 2) for k in range(5)])
     names = [f"s{k}" for k in range(5)]
-    wanted = nearest_in_proportions((24.0, 10.0, 5.0), names, sizes, most)
+    expected = nearest_in_proportions((24.0, 10.0, 5.0), names, sizes, most)
     others = [names[k] for k in order]
-    assert nearest_in_proportions((24.0, 10.0, 5.0), others, scale * sizes[order], most) == wanted
-    assert len(wanted) == min(most, 5) and wanted[:1] == ("s2",)[:most]
+    assert nearest_in_proportions((24.0, 10.0, 5.0), others, scale * sizes[order], most) == expected
+    assert len(expected) == min(most, 5) and expected[:1] == ("s2",)[:most]
 
 
 def believed(by_source: float, by_way: float, agrees: tuple[bool, bool], monkeypatch: Any) -> float:
@@ -174,8 +174,8 @@ def told_fit(route: dict[int, list[int]], back: bool = False) -> Any:
 
     def fit(match: dict[int, list[int]], number: int) -> Any:
         cloud = Cloud(np.zeros((number, 3)), None, np.ones(number), np.arange(number))
-        found = SimpleNamespace(target_parts=lambda part: np.array(match.get(part, []), np.int64))
-        return SimpleNamespace(source=cloud, target=cloud, correspondences=found)
+        correspondences = SimpleNamespace(target_parts=lambda part: np.array(match.get(part, []), np.int64))
+        return SimpleNamespace(source=cloud, target=cloud, correspondences=correspondences)
 
     first = fit({5: [0]} if back else {0: [5]}, 6)
     return Labelling("s", "s", fit(route, 6), None if back else first, first if back else None, None)
@@ -209,11 +209,11 @@ def test_what_a_sibling_names_lies_on_the_part_that_corresponds() -> None:
 
 def test_the_key_of_a_plan_holds_the_siblings() -> None:
     flight = fly(A320, "engine_left", seed=2)
-    asked = flight, A320, SCAN, SETTINGS
+    arguments = flight, A320, SCAN, SETTINGS
     some = [("one", "1"), ("two", "2")]
-    assert transfer_key(*asked) == transfer_key(*asked, ())
-    assert transfer_key(*asked, some) == transfer_key(*asked, some[::-1])
-    assert len({transfer_key(*asked, each) for each in ((), some[:1], some[1:], some)}) == 4
+    assert transfer_key(*arguments) == transfer_key(*arguments, ())
+    assert transfer_key(*arguments, some) == transfer_key(*arguments, some[::-1])
+    assert len({transfer_key(*arguments, each) for each in ((), some[:1], some[1:], some)}) == 4
 
 
 @pytest.mark.slow
@@ -230,8 +230,8 @@ def test_a_flight_round_a_scanned_engine_is_planned_on_another_scan() -> None:
 
 def outcome(status: str, doubt: str = "", told_by: str = "", **more: Any) -> Any:
     part = Counterpart("part_1", 100.0, 1, 1, ("part_2",), probability=0.5, doubt=doubt)
-    given = {"registration": "found", "counterparts": (part,), "reason": status} | more
-    return Plan("d", "s", "t", "k", "recommended", status, parts_told_by=told_by, **given), ()
+    fields = {"registration": "found", "counterparts": (part,), "reason": status} | more
+    return Plan("d", "s", "t", "k", "recommended", status, parts_told_by=told_by, **fields), ()
 
 
 def take(carried: Any) -> Any:
@@ -249,7 +249,7 @@ PLAIN = {
     "unlike without parts": (outcome("refused", counterparts=())[0], (take(None),)),
     "ok without parts": (outcome("ok")[0], (take(None),)),
 }
-TOLD = {
+PLANS = {
     "sure": outcome("ok", told_by="b777-v1"),
     "in doubt": outcome("ok", "which one?", "b777-v1"),
     "refused": outcome("refused", told_by="b777-v1"),
@@ -257,41 +257,41 @@ TOLD = {
 }
 
 
-@pytest.mark.parametrize("told", TOLD)
+@pytest.mark.parametrize("by_sibling", PLANS)
 @pytest.mark.parametrize("plain", PLAIN)
 def test_a_sibling_is_asked_in_doubt_and_heard_where_it_leaves_none(
-    plain: str, told: str, monkeypatch: pytest.MonkeyPatch
+    plain: str, by_sibling: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = []
+    calls = []
 
-    def on_pair(*given: Any) -> Any:
-        asked.append(given[6:])
-        return TOLD[told] if given[6:] else PLAIN[plain]
+    def on_pair(*arguments: Any) -> Any:
+        calls.append(arguments[6:])
+        return PLANS[by_sibling] if arguments[6:] else PLAIN[plain]
 
     monkeypatch.setattr(planning, "_on_pair", on_pair)
     flight = fly(A320, "engine_left", seed=2)
-    found = planning.decided(flight, A320, SCAN, SETTINGS, MEMO, [B777])
+    plan = planning.decided(flight, A320, SCAN, SETTINGS, MEMO, [B777])
     sure = plain in ("ok", "unlike", "unlike with parts", "ok without parts")
-    assert asked == ([()] if sure else [(), ([B777],)])
-    assert found is (TOLD["sure"] if told == "sure" and not sure else PLAIN[plain])
+    assert calls == ([()] if sure else [(), ([B777],)])
+    assert plan is (PLANS["sure"] if by_sibling == "sure" and not sure else PLAIN[plain])
 
 
 def test_a_flown_path_is_measured_by_the_sibling_that_told_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Asked(Exception):
+    class Interruption(Exception):
         pass
 
-    def study_with(*given: Any) -> None:
-        raise Asked(*given[4])
+    def study_with(*arguments: Any) -> None:
+        raise Interruption(*arguments[4])
 
     monkeypatch.setattr(simulate, "study", study_with)
     flight = fly(A320, "engine_left", seed=2)
     for told_by, expected in (("b777-v1", (B777,)), ("", ())):
         plan = replace(outcome("ok")[0], parts_told_by=told_by)
-        with pytest.raises(Asked) as asked:
+        with pytest.raises(Interruption) as interruption:
             simulate.measure_flown(
                 flight.trajectory, plan, flight, A320, SCAN, SETTINGS, siblings=[TURBINE, B777]
             )
-        assert asked.value.args == expected
+        assert interruption.value.args == expected
 
 
 def test_of_many_alike_those_that_come_first_by_name_are_the_nearest() -> None:
@@ -304,7 +304,7 @@ def test_of_many_alike_those_that_come_first_by_name_are_the_nearest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("modelled", "found", "expected"),
+    ("modelled", "overlaps", "expected"),
     [
         (True, {"s": 0.5, "one": 0.41, "two": 0.45}, None),  # not clearly better than the source
         (True, {"s": 0.5, "one": 0.39, "two": 0.3}, "two"),
@@ -314,21 +314,21 @@ def test_of_many_alike_those_that_come_first_by_name_are_the_nearest() -> None:
     ],
 )
 def test_the_sibling_that_lies_best_is_taken(
-    modelled: bool, found: dict[str, float], expected: str | None, monkeypatch: pytest.MonkeyPatch
+    modelled: bool, overlaps: dict[str, float], expected: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def task(one: str) -> Any:
-        lies = SimpleNamespace(scanned=abs(found[one]), accepted=found[one] > 0)
+        lies = SimpleNamespace(scanned=abs(overlaps[one]), accepted=overlaps[one] > 0)
         return SimpleNamespace(registration=lambda: lies)
 
     names, scans = ("one", "two"), 1 if modelled else 2
-    least = 0.8 * found["s"] if modelled else np.inf
+    least = 0.8 * overlaps["s"] if modelled else np.inf
     best = telling._best([[task(one)] * scans for one in names], least)
     assert (None if best is None else names[best]) == expected
 
 
-@pytest.mark.parametrize(("lost", "area", "told"), [(-1, 0.3, False), (-1, 0.005, True), (1, 0.3, True)])
+@pytest.mark.parametrize(("lost", "area", "expected"), [(-1, 0.3, False), (-1, 0.005, True), (1, 0.3, True)])
 def test_a_sibling_must_lose_no_part_that_the_source_finds(
-    lost: int, area: float, told: bool, monkeypatch: pytest.MonkeyPatch
+    lost: int, area: float, expected: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     count = np.array([1000, 1000 * area / (1 - area)]).astype(int)
     cloud = Cloud(np.random.default_rng(0).random((count.sum(), 3)), None, None, np.repeat([0, 1], count))
@@ -343,8 +343,8 @@ def test_a_sibling_must_lose_no_part_that_the_source_finds(
     monkeypatch.setattr(telling, "surface_fit", lambda _: fit([0, 1]))
     monkeypatch.setattr(Task, "fit_labelled", lambda *_: fit([0, lost]))
     task = surfaces_of(A320, SCAN, SETTINGS, MEMO)
-    found = telling._labelled_by_best([B777], task, SETTINGS, MEMO)
-    assert (found is not None) == told
+    labelled = telling._labelled_by_best([B777], task, SETTINGS, MEMO)
+    assert (labelled is not None) == expected
 
 
 def test_of_equal_siblings_the_first_by_name_is_asked_in_whatever_order_they_come() -> None:

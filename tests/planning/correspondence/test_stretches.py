@@ -35,9 +35,9 @@ def box(low: list[float], size: list[float], step: float) -> tuple[Floats, Float
 
 
 def cloud(*boxes: Box, step: float = 1.0, labelled: bool = True) -> tuple[Cloud, Ints]:
-    made = [box(*each, step) for each in boxes]
-    label = np.repeat(np.arange(len(made)), [len(points) for points, _ in made])
-    points, normals = (np.concatenate(of) for of in zip(*made, strict=True))
+    surfaces = [box(*each, step) for each in boxes]
+    label = np.repeat(np.arange(len(surfaces)), [len(points) for points, _ in surfaces])
+    points, normals = (np.concatenate(of) for of in zip(*surfaces, strict=True))
     return Cloud(points, normals, np.full(len(points), step**2), label if labelled else None), label
 
 
@@ -57,9 +57,9 @@ def test_what_is_nearest_after_the_displacement_gives_the_name() -> None:
 def test_what_nothing_comes_near_has_no_name() -> None:
     known, label = cloud(BODY, LEFT, RIGHT)
     whole, there = cloud(BODY, LEFT, RIGHT, ([10, 30, 1], [8, 5, 4]), labelled=False)
-    found = carried(whole, known)
-    assert (found[there == 3] == -1).mean() > 0.9
-    assert (found[there < 3] == label).mean() > 0.95
+    names = carried(whole, known)
+    assert (names[there == 3] == -1).mean() > 0.9
+    assert (names[there < 3] == label).mean() > 0.95
 
 
 def test_pieces_that_lie_apart_tell_no_parts() -> None:
@@ -76,17 +76,17 @@ def test_stretches_are_named_and_parted() -> None:
     known, label = cloud(BODY, LEFT, RIGHT)
     whole, skin = cloud(([0, -4, 0], [60, 8, 6]), ([29, 6.4, 1.2], [8, 5, 4]), ([29, -11.4, 1.2], [8, 5, 4]),
                         labelled=False)  # fmt: skip
-    found = parts_like(whole, skin, known)
-    assert np.array_equal(found, label)
+    labels = parts_like(whole, skin, known)
+    assert np.array_equal(labels, label)
 
 
 def test_another_of_a_kind_is_a_part_wherever_it_lies() -> None:
     known, _ = cloud(BODY, LEFT, RIGHT)
     outer: Box = ([10, 25, 1], [8, 5, 4])
     whole, skin = cloud(BODY, LEFT, RIGHT, outer, labelled=False)
-    found = parts_like(whole, skin, known)
-    assert len(set(found[skin == 3].tolist())) == 1
-    assert not np.isin(found[skin == 3][0], found[skin != 3])
+    labels = parts_like(whole, skin, known)
+    assert len(set(labels[skin == 3].tolist())) == 1
+    assert not np.isin(labels[skin == 3][0], labels[skin != 3])
 
 
 def test_crumbs_in_the_air_are_one_part_that_answers_to_none() -> None:
@@ -99,8 +99,8 @@ def test_crumbs_in_the_air_are_one_part_that_answers_to_none() -> None:
         np.vstack([whole.normals, whole.normals[:3]]),
         np.append(whole.area_m2, [1, 1, 1]),
     )
-    found = parts_like(dirty, np.append(skin, [3, 3, 4]), known)
-    assert np.array_equal(found[:-3], label) and (found[-3:] == label.max() + 1).all()
+    labels = parts_like(dirty, np.append(skin, [3, 3, 4]), known)
+    assert np.array_equal(labels[:-3], label) and (labels[-3:] == label.max() + 1).all()
 
 
 def test_each_point_finds_a_sample_of_its_class_that_faces_alike() -> None:
@@ -108,9 +108,9 @@ def test_each_point_finds_a_sample_of_its_class_that_faces_alike() -> None:
     places = np.array([[0.0, 0, 0], [0, 0, 1], [5, 0, 0], [0, 0.4, 0]])
     fixed = Patch(places, np.array([up, down, up, up]), np.array([0, 0, 0, 1]))
     near = np.array([[0.0, 0, 0.6], [0, 0, 0.6], [0, 0.3, 0], [0, 0.3, 0]])
-    asked = Patch(near, np.array([up, down, up, up]), np.array([0, 0, 0, -1]))
-    assert facing_nearest(asked, fixed, 100.0).tolist() == [0, 1, 0, 3]
-    assert facing_nearest(asked, fixed, 1e-6).tolist() == [1, 1, 0, 3]
+    patch = Patch(near, np.array([up, down, up, up]), np.array([0, 0, 0, -1]))
+    assert facing_nearest(patch, fixed, 100.0).tolist() == [0, 1, 0, 3]
+    assert facing_nearest(patch, fixed, 1e-6).tolist() == [1, 1, 0, 3]
 
 
 def test_points_that_lie_far_from_each_other() -> None:
@@ -129,16 +129,18 @@ def test_points_that_lie_far_from_each_other() -> None:
 
 def test_a_structure_answers_to_itself_sample_by_sample() -> None:
     here, _ = cloud(BODY, LEFT, RIGHT)
-    found = by_parts(here, here, SAME)
-    off = np.linalg.norm(found.target_points - here.points, axis=1)
-    assert (found.target_index == np.arange(len(here))).mean() > 0.97 and off.max() < 0.5
-    assert found.distance_m == pytest.approx(off, abs=1e-9)
-    assert found.source_class is not None and [found.target_parts(part).tolist() for part in range(3)] == [
+    correspondences = by_parts(here, here, SAME)
+    off = np.linalg.norm(correspondences.target_points - here.points, axis=1)
+    assert (correspondences.target_index == np.arange(len(here))).mean() > 0.97 and off.max() < 0.5
+    assert correspondences.distance_m == pytest.approx(off, abs=1e-9)
+    assert correspondences.source_class is not None and [
+        correspondences.target_parts(part).tolist() for part in range(3)
+    ] == [
         [0],
         [1],
         [2],
     ]
-    assert found.summary.startswith("3 of 3 parts matched one to one")
+    assert correspondences.summary.startswith("3 of 3 parts matched one to one")
 
 
 @pytest.mark.parametrize("degrees", [0.0, 90.0])
@@ -148,18 +150,20 @@ def test_engines_elsewhere_are_followed_and_what_is_gone_is_none(degrees: float)
     there, _ = cloud(BODY, ([25, 8, 1], [8, 5, 4]), ([25, -13, 1], [8, 5, 4]))
     assert there.normals is not None
     turned = Cloud(there.points @ turn, there.normals @ turn, there.area_m2, there.part)
-    found = by_parts(here, turned, Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, turn=turn))
-    laid = found.target_points @ turn.T
+    correspondences = by_parts(
+        here, turned, Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, turn=turn)
+    )
+    laid = correspondences.target_points @ turn.T
     for part, shift in ((1, [-5.0, 2, 0]), (2, [-5.0, -2, 0])):
         assert np.linalg.norm(laid[label == part] - here.points[label == part] - shift, axis=1).max() < 0.6
     fin = label == 3
-    assert (found.target_index[fin] == -1).mean() > 0.8
-    assert np.isnan(found.distance_m[fin]).mean() > 0.8 and np.isnan(laid[fin, 0]).mean() > 0.8
-    assert "no counterpart on the target: part_3 (front high" in found.summary
-    assert (found.target_index[label == 0] >= 0).all()
+    assert (correspondences.target_index[fin] == -1).mean() > 0.8
+    assert np.isnan(correspondences.distance_m[fin]).mean() > 0.8 and np.isnan(laid[fin, 0]).mean() > 0.8
+    assert "no counterpart on the target: part_3 (front high" in correspondences.summary
+    assert (correspondences.target_index[label == 0] >= 0).all()
 
 
 def test_a_pin_sends_a_part_where_it_is_meant() -> None:
     here, label = cloud(BODY, LEFT, RIGHT)
-    found = by_parts(here, here, SAME, {1: 2})
-    assert (label[found.target_index[label == 1]] == 2).all()
+    correspondences = by_parts(here, here, SAME, {1: 2})
+    assert (label[correspondences.target_index[label == 1]] == 2).all()

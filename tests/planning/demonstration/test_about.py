@@ -13,7 +13,7 @@ GRID = np.array([[x, y, 0.0] for x in range(10) for y in range(10)], float)
 SKIN = (GRID[:, 0] >= 6).astype(np.int64)
 PART = (GRID[:, 1] >= 5).astype(np.int64)
 CLOUD = Cloud(GRID, np.tile([0.0, 0, 1], (100, 1)), part=PART)
-MADE = Structure(
+STRUCTURE = Structure(
     "made",
     "box",
     GRID,
@@ -23,9 +23,9 @@ MADE = Structure(
 
 
 def zone(about: str, cloud: Cloud = CLOUD) -> np.ndarray:
-    found = zone_of(about, MADE, cloud, SKIN)
-    assert found is not None
-    return found
+    zone = zone_of(about, STRUCTURE, cloud, SKIN)
+    assert zone is not None
+    return zone
 
 
 def test_a_landmark_is_the_skin_that_most_samples_near_it_lie_on() -> None:
@@ -55,4 +55,4 @@ def test_a_box_is_between_two_corners_in_any_order() -> None:
 
 def test_several_names_add_up() -> None:
     assert np.array_equal(zone(" tip ,part_1, "), (SKIN == 1) | (PART == 1))
-    assert zone_of(" , ", MADE, CLOUD, SKIN) is None
+    assert zone_of(" , ", STRUCTURE, CLOUD, SKIN) is None

@@ -22,7 +22,7 @@ from upplied.records import Camera, Cloud, Demonstration, Floats, Frame, Ints, S
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-MEANT = {
+SUBJECTS = {
     ("a320-v1", "engine_left"): ("engine_left", "pylon_left"),
     ("a320-v1", "wings"): ("wing", "engine", "pylon", "fairing"),
     ("a320-v1", "fuselage"): ("fuselage", "fairing", "fin", "stabiliser"),
@@ -48,24 +48,24 @@ def attended(flight: Demonstration, structure: Structure) -> Attention:
 @cache
 def named(structure_id: str) -> Floats:
     """The name of the part that each sample lies on."""
-    made = member(structure_id)
-    triangle = scene_of(made.structure).closest(sampled(made.structure)[0].points)[1]
-    return np.array(made.part_names)[made.part_of_triangle[triangle]]
+    structure = member(structure_id)
+    triangle = scene_of(structure.structure).closest(sampled(structure.structure)[0].points)[1]
+    return np.array(structure.part_names)[structure.part_of_triangle[triangle]]
 
 
-def on_meant(found: Attention, structure_id: str, inspection: str) -> float:
+def on_meant(attention: Attention, structure_id: str, inspection: str) -> float:
     """Share of the weight on what the flight was meant for."""
-    mine = np.array([name.startswith(MEANT[structure_id, inspection]) for name in named(structure_id)])
-    weight = found.weight * sampled(member(structure_id).structure)[0].area_m2
+    mine = np.array([name.startswith(SUBJECTS[structure_id, inspection]) for name in named(structure_id)])
+    weight = attention.weight * sampled(member(structure_id).structure)[0].area_m2
     return float(weight[mine].sum() / weight.sum())
 
 
-@pytest.mark.parametrize(("structure_id", "inspection"), MEANT)
+@pytest.mark.parametrize(("structure_id", "inspection"), SUBJECTS)
 def test_the_weight_lies_on_what_was_meant(structure_id: str, inspection: str) -> None:
     structure = member(structure_id).structure
-    found = attended(fly(structure, inspection, seed=11), structure)
-    assert on_meant(found, structure_id, inspection) > 0.85
-    assert found.weight.min() >= 0 and found.weight.max() <= 1
+    actual = attended(fly(structure, inspection, seed=11), structure)
+    assert on_meant(actual, structure_id, inspection) > 0.85
+    assert actual.weight.min() >= 0 and actual.weight.max() <= 1
 
 
 def test_a_longer_reach_changes_little() -> None:
@@ -80,8 +80,8 @@ def test_who_sees_nothing_was_about_nothing() -> None:
     structure = member("cube-v1").structure
     flight = fly(structure, "sides")
     away = replace(flight, positions=flight.positions + np.array([1000.0, 0, 0]))
-    found = attended(away, structure)
-    assert not found.weight.any() and np.isnan(found.subject_m)
+    actual = attended(away, structure)
+    assert not actual.weight.any() and np.isnan(actual.subject_m)
 
 
 def test_the_user_says_what_it_was_about() -> None:
@@ -97,8 +97,8 @@ def test_the_user_says_what_it_was_about() -> None:
     flight = fly(structure, "fuselage", seed=11)
     shown = views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
     facts = (flight.trajectory, flight.breaks, flight.camera, cloud, shown, skin, InspectionSettings())
-    found = attention(*facts, zone)
-    assert found.weight[zone].max() > 0.9 and not found.weight[~zone].any()
+    actual = attention(*facts, zone)
+    assert actual.weight[zone].max() > 0.9 and not actual.weight[~zone].any()
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_attention_is_what_its_five_steps_say(seed: int, named_by_user: bool) ->
     zone = cloud.points[:, 2] > 0 if named_by_user else None
     settings = InspectionSettings(max_motion_px=3.0)
     camera = Camera(75, 75, 0.5, 60)
-    found = attention(flight, np.empty(0, np.int64), camera, cloud, shown, part[None], settings, zone)
+    actual = attention(flight, np.empty(0, np.int64), camera, cloud, shown, part[None], settings, zone)
     steps, area = moments(flight), cloud.area_m2
     seen = shown.seen[np.abs(shown.stations.t_s[:, None] - steps.poses.t_s).argmin(axis=0)]
     rays = cloud.points - steps.poses.positions[:, None]
@@ -160,7 +160,7 @@ def test_attention_is_what_its_five_steps_say(seed: int, named_by_user: bool) ->
     known = np.isfinite(depth)
     way = (np.linalg.norm(steps.velocity, axis=1) + 0.1) * steps.step_s
     subject = quantile(depth[known], (way / depth**2)[known], 0.5)
-    assert found.subject_m == pytest.approx(subject)
+    assert actual.subject_m == pytest.approx(subject)
     limit = (
         np.where(depth <= 1.5 * subject, 1.3 * depth, 0.0) if zone is None else np.full(len(steps), np.inf)
     )
@@ -171,20 +171,20 @@ def test_attention_is_what_its_five_steps_say(seed: int, named_by_user: bool) ->
     moved = np.linalg.norm(
         np.cross(steps.turn[:, None], rays / length[..., None]) + across / length[..., None], axis=2
     )
-    held = steps.step_s[:, None] * np.minimum(1, settings.sharp_radps(75) / moved)
-    held = held * seen * (x > 0) * (x <= limit[:, None])
-    gazed = 1 - np.exp(-(held * middle).sum(axis=0) / 4.0)
+    weight_s = steps.step_s[:, None] * np.minimum(1, settings.sharp_radps(75) / moved)
+    weight_s = weight_s * seen * (x > 0) * (x <= limit[:, None])
+    gazed = 1 - np.exp(-(weight_s * middle).sum(axis=0) / 4.0)
     complete = np.array([np.average(gazed[part == one], weights=area[part == one]) for one in range(3)])
     complete /= np.average(complete[part], weights=area * gazed)
     share = np.clip((complete - 0.4) / 0.2, 0, 1)[part]
-    meant = share**2 * (3 - 2 * share) if zone is None else zone
-    weight = meant * (1 - np.exp(-held.sum(axis=0) / 1.0))
-    assert found.weight == pytest.approx(weight)
+    subject_share = share**2 * (3 - 2 * share) if zone is None else zone
+    weight = subject_share * (1 - np.exp(-weight_s.sum(axis=0) / 1.0))
+    assert actual.weight == pytest.approx(weight)
     looks = seen * (weight * area) * steps.step_s[:, None]
     blur = quantile(moved.ravel(), looks.ravel(), 0.95)
     tilt = quantile(np.degrees(np.arccos(np.clip(cosine, 0, 1))).ravel(), looks.ravel(), 0.95)
-    assert blur <= found.motion_radps <= blur * np.exp(0.021)
-    assert tilt <= found.incidence_deg <= tilt + 0.51
+    assert blur <= actual.motion_radps <= blur * np.exp(0.021)
+    assert tilt <= actual.incidence_deg <= tilt + 0.51
 
 
 def test_areas_of_one_are_understood() -> None:
@@ -203,11 +203,11 @@ def test_what_was_seen_from_behind_alone_was_no_subject() -> None:
     flight = Trajectory(np.arange(5.0), at, np.tile([0.0, 0, 0, 1], (5, 1)))
     away = Cloud(np.zeros((2, 3)), np.tile([1.0, 0, 0], (2, 1)), np.ones(2))
     shown = Views(flight, np.ones((5, 2), bool))
-    found = attention(
+    actual = attention(
         flight, np.empty(0, np.int64), Camera(), away, shown, np.zeros((1, 2), int), InspectionSettings()
     )
-    assert np.isnan(found.subject_m) and not found.weight.any()
-    assert found.motion_radps == 0 and found.incidence_deg == 0
+    assert np.isnan(actual.subject_m) and not actual.weight.any()
+    assert actual.motion_radps == 0 and actual.incidence_deg == 0
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -219,7 +219,7 @@ def test_the_subject_stands_where_half_of_the_way_flown_was_nearer(seed: int) ->
     depth, known = rng.uniform(2, 40, number), rng.random(number) < 0.8
     known[:2] = True
     flight = Trajectory(np.arange(float(number)), np.zeros((number, 3)), np.tile([0.0, 0, 0, 1], (number, 1)))
-    found = _subject(Moments(flight, step, velocity, np.zeros((number, 3))), depth, known)
+    distance = _subject(Moments(flight, step, velocity, np.zeros((number, 3))), depth, known)
     weight = {at: (np.linalg.norm(velocity[at]) + 0.1) * step[at] / depth[at] ** 2
               for at in range(number) if known[at]}  # fmt: skip
     whole, passed = sum(weight.values()), 0.0
@@ -227,7 +227,7 @@ def test_the_subject_stands_where_half_of_the_way_flown_was_nearer(seed: int) ->
         passed += weight[at]
         if passed >= whole / 2:
             break
-    assert found == pytest.approx(depth[at])
+    assert distance == pytest.approx(depth[at])
 
 
 def test_where_divisions_of_the_skin_disagree_a_sample_is_meant_by_their_share() -> None:

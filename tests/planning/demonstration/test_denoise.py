@@ -52,8 +52,8 @@ def test_jitter_is_gone_and_the_line_stays() -> None:
     assert off_ring(even.positions).max() < 0.15
     assert turning_deg_per_m(noisy.positions, 0.3) > 30
     assert turning_deg_per_m(even.positions, 0.3) < 1.6 * np.degrees(1 / RING)
-    wanted = -even.positions / np.linalg.norm(even.positions, axis=1, keepdims=True)
-    assert (optical_axis(even.quat_xyzw) * wanted).sum(axis=1).min() > np.cos(np.radians(2))
+    towards = -even.positions / np.linalg.norm(even.positions, axis=1, keepdims=True)
+    assert (optical_axis(even.quat_xyzw) * towards).sum(axis=1).min() > np.cos(np.radians(2))
     assert matrices(even.quat_xyzw)[:, 2, 1] == pytest.approx(0, abs=1e-9)  # no roll
 
 
@@ -103,11 +103,11 @@ def test_nothing_is_smoothed_across_a_gap() -> None:
     cut = len(flight) // 2
     stays = np.concatenate([np.arange(cut), np.arange(cut + 400, len(flight))])
     gapped = Trajectory(flight.t_s[stays], flight.positions[stays], flight.quat_xyzw[stays])
-    found = smoothed(gapped, breaks=np.array([cut]))
-    [start] = found.breaks
-    assert found.flight.positions[start - 1] == pytest.approx(flight.positions[cut - 1], abs=0.4)
-    assert found.flight.positions[start] == pytest.approx(flight.positions[cut + 400], abs=0.4)
-    step = np.linalg.norm(np.diff(found.flight.positions, axis=0), axis=1)
+    result = smoothed(gapped, breaks=np.array([cut]))
+    [start] = result.breaks
+    assert result.flight.positions[start - 1] == pytest.approx(flight.positions[cut - 1], abs=0.4)
+    assert result.flight.positions[start] == pytest.approx(flight.positions[cut + 400], abs=0.4)
+    step = np.linalg.norm(np.diff(result.flight.positions, axis=0), axis=1)
     assert step.argmax() == start - 1 and np.delete(step, start - 1).max() < 0.6
 
 
@@ -161,15 +161,15 @@ def test_going_near_and_hovering_there_is_kept(depth: float, hover: float, rate:
     flight = approach(depth, hover, rate_hz=rate)
     even = smoothed(flight).flight
     assert even.positions[:, 1].max() == pytest.approx(HALL_Y + depth, abs=0.1)
-    found = pauses(even)
+    stands = pauses(even)
     if hover:
-        [(begin, end)] = found
+        [(begin, end)] = stands
         assert end - begin == pytest.approx(hover, abs=0.6)  # stops at once, which no vehicle can
         stood = (even.t_s > begin + 0.01) & (even.t_s < end - 0.01)
         there = even.positions[np.isclose(even.t_s, begin) | np.isclose(even.t_s, end) | stood]
         assert there[:, 1] == pytest.approx(HALL_Y + depth, abs=0.07)
     else:
-        assert found == []
+        assert stands == []
 
 
 def test_a_hover_is_still_kept_in_noise_of_5_cm() -> None:
@@ -224,9 +224,9 @@ def test_the_same_flight_logged_at_another_rate_or_with_noise_is_the_same_flight
         Trajectory(plain.t_s[::2], plain.positions[::2], plain.quat_xyzw[::2]),
         replace(plain, positions=noisy),
     ):
-        found = smoothed(other).flight
-        assert off_path(found.positions, even.positions) < 0.08
-        assert len(found) == pytest.approx(len(even), rel=0.1)
+        again = smoothed(other).flight
+        assert off_path(again.positions, even.positions) < 0.08
+        assert len(again) == pytest.approx(len(even), rel=0.1)
 
 
 def test_a_second_pass_and_a_second_look_are_kept() -> None:
@@ -251,8 +251,8 @@ def test_flights_of_few_poses_and_none_that_moves() -> None:
     still = Trajectory(np.arange(50.0), np.zeros((50, 3)), np.tile([0.0, 0, 0, 1], (50, 1)))
     two = Trajectory(np.arange(2.0), np.eye(3)[:2], np.tile([0.0, 0, 0, 1], (2, 1)))
     for flight in (one, still, two):
-        found = smoothed(flight).flight
-        assert np.isfinite(found.positions).all() and len(found) >= 1
+        again = smoothed(flight).flight
+        assert np.isfinite(again.positions).all() and len(again) >= 1
         assert pauses(flight) == []
 
 
@@ -260,8 +260,8 @@ def test_long_logs_are_not_slow() -> None:
     flight = ring(0.05)
     times = np.linspace(0, flight.t_s[-1], 60_000)
     dense = np.column_stack([np.interp(times, flight.t_s, axis) for axis in flight.positions.T])
-    found = smoothed(Trajectory(times, dense, look_at(dense, np.zeros_like(dense)))).flight
-    assert len(found) <= 1000 and off_ring(found.positions).max() < 0.15
+    again = smoothed(Trajectory(times, dense, look_at(dense, np.zeros_like(dense)))).flight
+    assert len(again) <= 1000 and off_ring(again.positions).max() < 0.15
 
 
 def test_turning_of_circles_and_lines() -> None:

@@ -19,13 +19,13 @@ SURE = Counterpart("part_1 (left)", 60.0, twins=1, found=4, flown=("part_2 (left
 DOUBTED = replace(SURE, probability=0.4, doubt="it is doubted")
 
 
-def asked(**correspondence: object) -> Settings:
+def settings_of(**correspondence: object) -> Settings:
     return settings_for("recommended", correspondence=correspondence)
 
 
 def test_what_is_sure_is_not_refused() -> None:
-    assert undecided([SURE], asked()) == "" and doubts([SURE]) == ()
-    assert undecided([], asked()) == "" and undecided([], asked(expect=3)) == ""
+    assert undecided([SURE], settings_of()) == "" and doubts([SURE]) == ()
+    assert undecided([], settings_of()) == "" and undecided([], settings_of(expect=3)) == ""
 
 
 @pytest.mark.parametrize(
@@ -43,26 +43,26 @@ def test_what_is_sure_is_not_refused() -> None:
 )
 def test_a_doubt_about_much_refuses_where_there_are_others(change: dict[str, object], refused: bool) -> None:
     one = replace(DOUBTED, **change)  # type: ignore[arg-type]
-    said = undecided([SURE, one], asked())
-    assert bool(said) == refused
+    reason = undecided([SURE, one], settings_of())
+    assert bool(reason) == refused
     like = "1 more like it on the source" if one.twins else "none like it on the source"
     sentence = f"it is doubted ({like}, {one.found} on the target, as far as its parts are known)"
-    assert doubts([SURE, one]) == (sentence,) and said in ("", sentence)
+    assert doubts([SURE, one]) == (sentence,) and reason in ("", sentence)
 
 
 def test_a_repetition_of_what_is_doubted_is_refused() -> None:
     alone = replace(DOUBTED, twins=0, found=1)
-    assert undecided([alone], asked(repeat="each")) == "--repeat each was requested and it is doubted"
+    assert undecided([alone], settings_of(repeat="each")) == "--repeat each was requested and it is doubted"
 
 
 def test_another_number_than_expected_is_told_of_the_most_inspected() -> None:
     other = replace(SURE, part="part_7", found=2)
-    assert undecided([SURE, other], asked(expect=4)) == ""
-    assert undecided([other, SURE], asked(expect=4)) == (
+    assert undecided([SURE, other], settings_of(expect=4)) == ""
+    assert undecided([other, SURE], settings_of(expect=4)) == (
         "2 parts like part_7 are on the target, 4 are expected (correspondence.expect)"
     )
     little = replace(DOUBTED, inspected_pct=20.0)
-    assert undecided([little], asked(expect=3)) == (
+    assert undecided([little], settings_of(expect=3)) == (
         "4 parts like part_1 (left) are on the target, 3 are expected (correspondence.expect); it is doubted"
     )
 
@@ -81,7 +81,7 @@ def shown(seen: list[int], known: list[int]) -> str:
     here, there = SimpleNamespace(structure_id="here"), SimpleNamespace(structure_id="there")
     pair = SimpleNamespace(fit_for=lambda settings: fit, source=here, target=there)
     inspection = SimpleNamespace(visibility=Visibility(view))
-    return nothing_shown(cast(Inspection, inspection), cast(Pair, pair), asked())
+    return nothing_shown(cast(Inspection, inspection), cast(Pair, pair), settings_of())
 
 
 def test_a_flight_that_shows_nothing_known_is_refused_in_words() -> None:
@@ -113,12 +113,12 @@ def test_viewpoints_are_the_means_of_their_segments() -> None:
     seen[:2, :2] = seen[2:5, 1:4] = True
     quats = np.tile([0.0, 0, 0, 1], (6, 1))
     flight = Trajectory(np.array([0.0, 1, 2, 4, 8, 9]), rng.normal(size=(6, 3)), quats)
-    found = find_viewpoints(flight, Visibility(seen), ViewpointSettings(method="segments", shared=0.6))
-    assert found.start.tolist() == [0, 2, 5] and found.stop.tolist() == [2, 5, 6]
+    viewpoints = find_viewpoints(flight, Visibility(seen), ViewpointSettings(method="segments", shared=0.6))
+    assert viewpoints.start.tolist() == [0, 2, 5] and viewpoints.stop.tolist() == [2, 5, 6]
     for row, (a, b) in enumerate(((0, 2), (2, 5), (5, 6))):
-        assert found.positions[row] == pytest.approx(flight.positions[a:b].mean(axis=0))
-        assert found.seen[row].tolist() == seen[a:b].any(axis=0).tolist()
-        assert found.t_s[row] == pytest.approx(flight.t_s[a:b].mean())
-    assert found.middle.tolist() == [0, 3, 5]
+        assert viewpoints.positions[row] == pytest.approx(flight.positions[a:b].mean(axis=0))
+        assert viewpoints.seen[row].tolist() == seen[a:b].any(axis=0).tolist()
+        assert viewpoints.t_s[row] == pytest.approx(flight.t_s[a:b].mean())
+    assert viewpoints.middle.tolist() == [0, 3, 5]
     each = find_viewpoints(flight, Visibility(seen), ViewpointSettings(method="poses"))
     assert each.positions == pytest.approx(flight.positions) and each.start.tolist() == list(range(6))

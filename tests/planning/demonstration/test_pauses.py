@@ -58,8 +58,8 @@ def test_hesitations_and_short_flights_are_no_pauses() -> None:
 def test_repeated_poses_of_a_log_are_no_stand() -> None:
     """A log that holds each position for a second at walking speed."""
     flight = flown(speeds((40, 1.0)))
-    held = flight.positions[(np.arange(len(flight)) // 9) * 9]
-    assert not pauses(Trajectory(flight.t_s, held, flight.quat_xyzw))
+    positions = flight.positions[(np.arange(len(flight)) // 9) * 9]
+    assert not pauses(Trajectory(flight.t_s, positions, flight.quat_xyzw))
 
 
 def test_known_places_are_told_once() -> None:

@@ -102,8 +102,8 @@ def test_a_joined_flight_breaks_where_takes_meet_and_where_their_logs_have_gaps(
 def test_what_was_inspected_is_shown_in_three_steps_and_what_of_it_has_no_counterpart() -> None:
     weight = np.array([0.05, 0.1, 0.39, 0.4, 0.69, 0.7, 1.0, 0.1, 0.09])
     index = np.array([0, 1, 2, 3, 4, 5, 0, -1, -1])
-    found = inspected_states(take(weight=weight, index=index))
-    assert found.state.tolist() == [0, 5, 5, 6, 6, 7, 7, 4, 0]
+    states = inspected_states(take(weight=weight, index=index))
+    assert states.state.tolist() == [0, 5, 5, 6, 6, 7, 7, 4, 0]
 
 
 TWO = boxes(([0, 0, 0], [10, 10, 10]), ([30, 0, 0], [2, 2, 2]), number=60)
@@ -126,12 +126,12 @@ def test_parts_with_a_tenth_of_what_was_inspected_are_asked_about_the_most_inspe
     weight = np.array([1.0, 0, 1, 1, 1, 0.2, 0.2, 0, 0])
     source = Cloud(np.zeros((9, 3)), None, np.array([2.0, 1, 1, 1, 3, 1, 1, 1, 1]), label)
     whole = 2 + 5 + 0.4
-    found = inspected_parts(attended(source, weight), label)
-    assert [part for part, _ in found] == [1, 0]
-    assert [share for _, share in found] == pytest.approx([5 / whole, 2 / whole])
+    inspected = inspected_parts(attended(source, weight), label)
+    assert [part for part, _ in inspected] == [1, 0]
+    assert [share for _, share in inspected] == pytest.approx([5 / whole, 2 / whole])
     plain = Cloud(source.points, None, None, label)
-    found = inspected_parts(attended(plain, weight), label)
-    assert found == [(1, pytest.approx(3 / 4.4)), (0, pytest.approx(1 / 4.4))]
+    inspected = inspected_parts(attended(plain, weight), label)
+    assert inspected == [(1, pytest.approx(3 / 4.4)), (0, pytest.approx(1 / 4.4))]
     assert inspected_parts(attended(source, np.zeros(9)), label) == []
     many = np.arange(30)
     even = Cloud(np.zeros((30, 3)), None, None, many)
@@ -139,8 +139,8 @@ def test_parts_with_a_tenth_of_what_was_inspected_are_asked_about_the_most_inspe
 
 
 def demonstration(positions: Floats, quats: Floats, sha256: str = "abc") -> Demonstration:
-    made = SimpleNamespace(positions=positions, quat_xyzw=quats, sha256=sha256)
-    return cast(Demonstration, made)
+    record = SimpleNamespace(positions=positions, quat_xyzw=quats, sha256=sha256)
+    return cast(Demonstration, record)
 
 
 @pytest.mark.parametrize(("quarter", "across"), [(0.0, 1), (90.0, 0)])
@@ -156,16 +156,16 @@ def test_a_mirrored_flight_is_on_the_other_side_of_the_middle_plane(
     rng = np.random.default_rng(0)
     yaw, pitch = rng.uniform(-3, 3, 20), rng.uniform(-1.4, 1.4, 20)
     flown = demonstration(rng.normal(0, 9, (20, 3)), from_yaw_pitch(yaw, pitch))
-    found = mirrored(flown, source)
-    wanted = flown.positions.copy()
-    wanted[:, across] = vertices[:, across].sum() - wanted[:, across]
-    np.testing.assert_allclose(found.positions, wanted)
-    new_yaw, new_pitch = yaw_pitch(found.quat_xyzw)
+    mirror = mirrored(flown, source)
+    expected = flown.positions.copy()
+    expected[:, across] = vertices[:, across].sum() - expected[:, across]
+    np.testing.assert_allclose(mirror.positions, expected)
+    new_yaw, new_pitch = yaw_pitch(mirror.quat_xyzw)
     np.testing.assert_allclose(new_pitch, pitch, atol=1e-9)
     flip = np.array([-1.0, 1]) if across == 0 else np.array([1.0, -1])
     before = np.column_stack([np.cos(yaw), np.sin(yaw)]) * flip
     np.testing.assert_allclose(np.column_stack([np.cos(new_yaw), np.sin(new_yaw)]), before, atol=1e-9)
-    assert found.sha256 == "abc-mirrored"
+    assert mirror.sha256 == "abc-mirrored"
     assert mirrored(demonstration(flown.positions, flown.quat_xyzw, ""), source).sha256 == ""
 
 
@@ -195,9 +195,9 @@ def test_a_flight_shows_each_where_every_part_of_the_kind_was_inspected() -> Non
 
 
 def test_a_part_is_repeated_on_its_side_and_in_the_middle() -> None:
-    found = about({1: 1.0}, [0, 1, 2])
-    assert sorted(_on_this_side(1, cast(Pair, found.pair))) == [1, 3]
-    assert sorted(_on_this_side(2, cast(Pair, found.pair))) == [2, 3]
+    take = about({1: 1.0}, [0, 1, 2])
+    assert sorted(_on_this_side(1, cast(Pair, take.pair))) == [1, 3]
+    assert sorted(_on_this_side(2, cast(Pair, take.pair))) == [2, 3]
 
 
 def test_what_corresponds_to_another_kind_is_no_choice() -> None:
@@ -250,8 +250,8 @@ def flown_again(
 
 
 def test_each_part_is_flown_from_its_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = flown_again("each", monkeypatch)
-    assert found == [
+    takes = flown_again("each", monkeypatch)
+    assert takes == [
         ("flight", "anew", (("part_4", "part_7"),), 4, 7),
         ("flight", "anew", (("part_4", "part_8"),), 4, 8),
         ("flight mirrored", "anew", (("part_5", "part_9"),), 5, 9),

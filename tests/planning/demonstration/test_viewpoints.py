@@ -37,11 +37,11 @@ def test_viewpoints_together_see_what_the_flight_saw(seen):
         np.random.default_rng(0).random((count, 3)),
         from_yaw_pitch(np.zeros(count), np.zeros(count)),
     )
-    found = find_viewpoints(flight, Visibility(seen), ViewpointSettings())
-    np.testing.assert_array_equal(found.seen.any(axis=0), seen.any(axis=0))
-    for index in range(len(found)):
-        span = slice(found.start[index], found.stop[index])
-        np.testing.assert_allclose(found.positions[index], flight.positions[span].mean(axis=0))
+    viewpoints = find_viewpoints(flight, Visibility(seen), ViewpointSettings())
+    np.testing.assert_array_equal(viewpoints.seen.any(axis=0), seen.any(axis=0))
+    for index in range(len(viewpoints)):
+        span = slice(viewpoints.start[index], viewpoints.stop[index])
+        np.testing.assert_allclose(viewpoints.positions[index], flight.positions[span].mean(axis=0))
 
 
 def test_a_gap_in_the_log_always_starts_a_segment():

@@ -27,12 +27,12 @@ def test_what_is_mirrored_is_fitted_by_a_turn() -> None:
     there = here * [1, 1, -1]
     rotation, translation = rigid_fit(here, there)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
-    found = np.sum((here @ rotation.T + translation - there) ** 2)
+    least = np.sum((here @ rotation.T + translation - there) ** 2)
     for angle in np.random.default_rng(2).normal(size=(300, 3)):
         other = Rotation.from_rotvec(angle).as_matrix()
         moved = here @ other.T
         moved += there.mean(axis=0) - moved.mean(axis=0)
-        assert np.sum((moved - there) ** 2) >= found - 1e-9
+        assert np.sum((moved - there) ** 2) >= least - 1e-9
 
 
 @pytest.mark.parametrize("iterations", [1, 2, 5, 50])

@@ -45,18 +45,18 @@ def test_a_free_cube_is_wholly_attainable_and_its_underside_not_on_the_ground() 
     cloud, scene = sampled(boxes(([-5, -5, 0], [5, 5, 10])))
     assert attainable(cloud, Airspace(scene, 2.0, Surroundings()), Camera(), TRULY).all()
     on_ground = Airspace(scene, 2.0, Surroundings(ground_z_m=0.0), 1.0)
-    found = attainable(cloud, on_ground, Camera(), TRULY)
+    actual = attainable(cloud, on_ground, Camera(), TRULY)
     assert cloud.normals is not None
-    assert np.array_equal(found, cloud.normals[:, 2] > -0.5)
+    assert np.array_equal(actual, cloud.normals[:, 2] > -0.5)
 
 
 def test_a_gap_too_narrow_for_the_vehicle_hides_its_middle() -> None:
     cloud, scene = sampled(boxes(([-8, -10, -10], [-1, 10, 10]), ([1, -10, -10], [8, 10, 10])))
-    found = attainable(cloud, Airspace(scene, 2.0, Surroundings()), Camera(), TRULY)
+    actual = attainable(cloud, Airspace(scene, 2.0, Surroundings()), Camera(), TRULY)
     inner = np.isclose(np.abs(cloud.points[:, 0]), 1.0)
     rim = np.abs(cloud.points[:, 1:]).max(axis=1)
-    assert found[~inner].all()
-    assert not found[inner & (rim < 2)].any()  # 2 m between the walls: from the rim at more than 75 deg
+    assert actual[~inner].all()
+    assert not actual[inner & (rim < 2)].any()  # 2 m between the walls: from the rim at more than 75 deg
     wide = attainable(cloud, Airspace(scene, 0.5, Surroundings()), replace(Camera(), min_range_m=0.5), TRULY)
     assert wide.all()
 
@@ -66,9 +66,9 @@ def test_nothing_is_attainable_from_farther_than_the_range_or_outside_of_the_fen
     near_sighted = replace(Camera(), max_range_m=3.0)
     assert not attainable(cloud, Airspace(scene, 4.0, Surroundings()), near_sighted, TRULY).any()
     fence = np.array([[8.0, -30], [40, -30], [40, 30], [8, 30]])
-    found = attainable(cloud, Airspace(scene, 2.0, Surroundings(geofence_m=fence)), Camera(), TRULY)
+    actual = attainable(cloud, Airspace(scene, 2.0, Surroundings(geofence_m=fence)), Camera(), TRULY)
     faces_fence = np.isclose(cloud.points[:, 0], 5.0)
-    assert found[faces_fence].all() and not found[np.isclose(cloud.points[:, 0], -5.0)].any()
+    assert actual[faces_fence].all() and not actual[np.isclose(cloud.points[:, 0], -5.0)].any()
 
 
 def test_whatever_allowed_poses_see_is_nearly_always_called_attainable() -> None:
@@ -80,10 +80,10 @@ def test_whatever_allowed_poses_see_is_nearly_always_called_attainable() -> None
     positions = positions[airspace.allowed(positions)]
     quats = look_at(positions, np.zeros_like(positions))
     seen = visible(positions, quats, cloud, Camera(360, 180), TRULY, scene).total
-    found = attainable(cloud, airspace, Camera(), TRULY)
-    assert (seen & ~found).sum() <= 0.002 * len(cloud)
-    assert 0.5 < found.mean() < 1.0
-    assert np.array_equal(found, attainable(cloud, airspace, Camera(), TRULY))
+    actual = attainable(cloud, airspace, Camera(), TRULY)
+    assert (seen & ~actual).sum() <= 0.002 * len(cloud)
+    assert 0.5 < actual.mean() < 1.0
+    assert np.array_equal(actual, attainable(cloud, airspace, Camera(), TRULY))
 
 
 def test_what_only_a_window_lets_be_seen_is_found_through_what_served_its_neighbours() -> None:
@@ -119,8 +119,8 @@ def test_from_nearer_than_the_safety_distance_or_the_range_nothing_is_asked(
     cloud = patch_at(np.tile([0.0, 0, 1], (3, 1)))
     airspace = Airspace(Scene(*FAR, 1), clearance, Surroundings())
     camera = Camera(min_range_m=nearest, max_range_m=30.0)
-    found = attainable(cloud, airspace, camera, TRULY, np.array([1.99, 2.0, 2.01]))
-    assert found.tolist() == [False, False, True]
+    actual = attainable(cloud, airspace, camera, TRULY, np.array([1.99, 2.0, 2.01]))
+    assert actual.tolist() == [False, False, True]
     assert attainable(cloud, airspace, camera, TRULY).all()
 
 
@@ -146,8 +146,8 @@ def test_positions_are_tried_on_the_normal_and_round_it_up_to_the_limit() -> Non
 
 
 def test_distances_grow_by_equal_factors() -> None:
-    found = _distances(np.array([0, 0.5, 1]), 2.0, np.array([[8.0], [32.0]]))
-    np.testing.assert_allclose(found, [[2, 4, 8], [2, 8, 32]])
+    distances = _distances(np.array([0, 0.5, 1]), 2.0, np.array([[8.0], [32.0]]))
+    np.testing.assert_allclose(distances, [[2, 4, 8], [2, 8, 32]])
 
 
 def test_a_position_stands_as_far_and_as_oblique_as_is_asked() -> None:
@@ -172,21 +172,21 @@ def test_a_position_stands_as_far_and_as_oblique_as_is_asked() -> None:
     np.testing.assert_allclose(against, np.cos(np.radians(200)))
 
 
-def asked(airspace: Airspace, served: Floats, nearest: float = 1.0, farthest: float = 10.0) -> list[bool]:
+def attained(airspace: Airspace, served: Floats, nearest: float = 1.0, farthest: float = 10.0) -> list[bool]:
     """Three samples of a floor in a row, with what served the first."""
     cloud = Cloud(np.array([[0.0, 0, 0], [1, 0, 0], [8, 0, 0]]), np.tile([0.0, 0, 1], (3, 1)))
-    found = np.vstack([served, np.full((2, 3), np.nan)])
-    _ask_neighbours(found, _Targets(cloud, airspace), (nearest, farthest), np.full(3, 1e9), 60.0)
-    return np.isfinite(found[:, 0]).tolist()
+    places = np.vstack([served, np.full((2, 3), np.nan)])
+    _ask_neighbours(places, _Targets(cloud, airspace), (nearest, farthest), np.full(3, 1e9), 60.0)
+    return np.isfinite(places[:, 0]).tolist()
 
 
 def test_what_served_a_neighbour_is_tried_within_range_and_incidence() -> None:
     airspace = Airspace(Scene(*FAR, 1), 0.5, Surroundings())
-    assert asked(airspace, np.array([4.0, 0, 5])) == [True, True, True]
-    assert asked(airspace, np.array([1.0, 0, 2])) == [True, True, False]  # 74 deg
-    assert asked(airspace, np.array([4.0, 0, 5]), nearest=6.0) == [True, False, True]  # 5.83 m
-    assert asked(airspace, np.array([4.0, 0, 5]), farthest=6.0) == [True, True, False]  # 6.4 m
-    assert asked(Airspace(Scene(*FAR, 1), 0.5, Surroundings(ceiling_z_m=4.0)), np.array([4.0, 0, 5])) == [
+    assert attained(airspace, np.array([4.0, 0, 5])) == [True, True, True]
+    assert attained(airspace, np.array([1.0, 0, 2])) == [True, True, False]  # 74 deg
+    assert attained(airspace, np.array([4.0, 0, 5]), nearest=6.0) == [True, False, True]  # 5.83 m
+    assert attained(airspace, np.array([4.0, 0, 5]), farthest=6.0) == [True, True, False]  # 6.4 m
+    assert attained(Airspace(Scene(*FAR, 1), 0.5, Surroundings(ceiling_z_m=4.0)), np.array([4.0, 0, 5])) == [
         True,
         False,
         False,
@@ -198,8 +198,8 @@ def test_an_allowed_position_with_a_free_line_of_sight_sees_its_sample() -> None
     cloud = Cloud(np.array([[0.0, 0, 0]]), np.array([[1.0, 0, 0]]))
     at = np.array([[5.0, 0, 0], [1.5, 0, 0], [0.9, 0, 0], [0, 0, 4], [0, 0, 9], [np.inf, 0, 0], [1.1, 0, 0]])
     airspace = Airspace(Scene(wall.vertices, wall.triangles, 1), 1.0, Surroundings(ceiling_z_m=8.0))
-    found = _Targets(cloud, airspace).seen(at, np.zeros(7, np.int64))
-    assert found.tolist() == [False, False, True, True, False, False, False]
+    sight = _Targets(cloud, airspace).seen(at, np.zeros(7, np.int64))
+    assert sight.tolist() == [False, False, True, True, False, False, False]
 
 
 def test_of_a_sampled_surface_a_ray_arrives_one_grain_before_it() -> None:
@@ -208,5 +208,5 @@ def test_of_a_sampled_surface_a_ray_arrives_one_grain_before_it() -> None:
     at = np.array([[4.0, 0, 0], [-4.0, 0, 0]])
     for grain, sees in ((0.0, False), (0.25, False), (0.4, True)):
         scene = Scene(plate.vertices, plate.triangles, 1, grain_m=grain)
-        found = _Targets(cloud, Airspace(scene, 1.0, Surroundings())).seen(at, np.zeros(2, np.int64))
-        assert found.tolist() == [sees, False]
+        sight = _Targets(cloud, Airspace(scene, 1.0, Surroundings())).seen(at, np.zeros(2, np.int64))
+        assert sight.tolist() == [sees, False]

@@ -24,11 +24,11 @@ NAN, INF = float("nan"), float("inf")
 
 
 def dwelt(
-    near: list[float], frontal: list[float], held: list[float], time: list[float], sides: Bools
+    near: list[float], frontal: list[float], dwell: list[float], time: list[float], sides: Bools
 ) -> Looks:
     known = np.array(near)
     finest = [np.zeros(len(known))] * 5  # what is not asked for here
-    return Looks(known, known, np.array(frontal), np.array(held), np.array(time), sides, *finest)
+    return Looks(known, known, np.array(frontal), np.array(dwell), np.array(time), sides, *finest)
 
 
 def surface(standoff: list[float], need: list[float] | None = None) -> InspectedSurface:
@@ -57,8 +57,8 @@ def four_patches() -> tuple[Patches, Looks]:
 
 def test_four_patches_reckoned_by_hand() -> None:
     patches, looks = four_patches()
-    found = _compared(patches, looks, surface([10, 30, 10]))
-    wanted = {
+    actual = _compared(patches, looks, surface([10, 30, 10]))
+    expected = {
         "fidelity_resolution_p50": 1.0,  # 10/40, 1 (thrice as much) and 0
         "fidelity_resolution_p05": 0.0,
         "fidelity_incidence_deg_p95": 60.0,  # 60 - 0, 0 - 60, 0 and 90 - 30
@@ -66,7 +66,7 @@ def test_four_patches_reckoned_by_hand() -> None:
         "fidelity_dwell_kept_pct": 100 * (0.25 + 2 + 0) / 4,
         "fidelity_order": -1.0,
     }
-    assert found == pytest.approx(wanted)
+    assert actual == pytest.approx(expected)
 
 
 def test_patches_of_several_takes_stand_in_a_row() -> None:
@@ -81,9 +81,9 @@ def test_patches_of_several_takes_stand_in_a_row() -> None:
 def test_nothing_demonstrated_is_no_share_of_anything() -> None:
     patches, looks = four_patches()
     none = Looks(*(0 * of if of.dtype != bool else of & False for of in vars(patches.shown).values()))
-    found = _compared(Patches(patches.weight, patches.target, none), looks, surface([10, 30, 10]))
+    measures = _compared(Patches(patches.weight, patches.target, none), looks, surface([10, 30, 10]))
     assert np.isnan(
-        [found[f"fidelity_{name}"] for name in ("looks_kept_pct", "dwell_kept_pct", "order")]
+        [measures[f"fidelity_{name}"] for name in ("looks_kept_pct", "dwell_kept_pct", "order")]
     ).all()
 
 
@@ -101,14 +101,14 @@ ELL = [[0, 0, 0], [20, 0, 0], [20, 20, 0]]
 
 def test_turns_are_told_by_how_much_the_demonstration_turned() -> None:
     plan, flown = along(ELL, yaw_deg=120), along(ELL, yaw_deg=80)
-    found = _smoothness(plan, [flown, flown], surface([20, 20]), 1.0)
-    assert found == pytest.approx(
+    measures = _smoothness(plan, [flown, flown], surface([20, 20]), 1.0)
+    assert measures == pytest.approx(
         {"camera_turn_ratio": 120 / 160, "path_turn_ratio": 0.5, "pan_fast_pct": 0.0}
     )
     straight = along([[0, 0, 0], [20, 0, 0]])
-    found = _smoothness(plan, [straight], surface([20, 20]), 1.0)
-    assert found["camera_turn_ratio"] == pytest.approx(120 / 30)  # never by less than 30 deg
-    assert found["path_turn_ratio"] == pytest.approx(90 / 30)
+    measures = _smoothness(plan, [straight], surface([20, 20]), 1.0)
+    assert measures["camera_turn_ratio"] == pytest.approx(120 / 30)  # never by less than 30 deg
+    assert measures["path_turn_ratio"] == pytest.approx(90 / 30)
 
 
 def test_bends_are_counted_on_legs_of_a_tenth_of_the_standoff_and_no_less_than_a_metre() -> None:

@@ -109,8 +109,8 @@ def motion_by_difference(
 @pytest.mark.ci
 def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) -> None:
     planned = views(plan, take.pair.surface.target, take.inspection.camera, TRULY, take.pair.target_scene)
-    found = shown_of(planned, [take], SETTINGS)
-    inspected, cloud = found.inspected, found.inspected.cloud
+    show = shown_of(planned, [take], SETTINGS)
+    inspected, cloud = show.inspected, show.inspected.cloud
     poses = stations(plan)
     seen = sees(take, poses, target=True)
     velocity, turn = rates(poses)
@@ -124,19 +124,19 @@ def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) ->
         )  # length times the cosine
         near = length**2 <= np.nan_to_num(inspected.standoff_m) / 0.8 * facing
         as_well |= seen[row] & slow & near
-    wanted = inspected.need > 0
-    assert 0.05 < as_well[wanted].mean() < 0.9  # the plan shows some of it, and misses some
-    assert np.mean(as_well[wanted] != found.as_well[wanted]) < 0.01
+    needed = inspected.need > 0
+    assert 0.05 < as_well[needed].mean() < 0.9  # the plan shows some of it, and misses some
+    assert np.mean(as_well[needed] != show.as_well[needed]) < 0.01
     share = 100 * inspected.need[as_well].sum() / (inspected.need.sum() + inspected.without)
-    measures = inspected_measures(found, planned, [take])
+    measures = inspected_measures(show, planned, [take])
     assert measures["coverage_inspected_pct"] == pytest.approx(share, abs=1.0)
     assert measures["coverage_inspected_pct"] < 100
 
 
 @pytest.mark.ci
 def test_what_is_asked_for_is_the_best_sharp_look_of_the_demonstration(take: Take) -> None:
-    kept = replace(SETTINGS, transfer=replace(SETTINGS.transfer, standoff="kept"))
-    asked = inspected_by(take, kept)
+    unscaled = replace(SETTINGS, transfer=replace(SETTINGS.transfer, standoff="kept"))
+    surface = inspected_by(take, unscaled)
     inspection, fit = take.inspection, take.pair.surface
     steps = moments(inspection.logged)
     seen = sees(take, steps.poses, target=False)
@@ -165,8 +165,8 @@ def test_what_is_asked_for_is_the_best_sharp_look_of_the_demonstration(take: Tak
             need[round_] += weight[sample] * share / share.sum()
             distance[round_] += weight[sample] * near[sample] * share / share.sum()
     known = need > 0
-    assert asked.need.sum() == pytest.approx(need.sum(), rel=0.01)
-    off = np.abs(asked.standoff_m[known] / (distance[known] / need[known]) - 1)
+    assert surface.need.sum() == pytest.approx(need.sum(), rel=0.01)
+    off = np.abs(surface.standoff_m[known] / (distance[known] / need[known]) - 1)
     assert np.quantile(off, 0.95) < 0.03  # what is seen from a pose and from its neighbour differs at edges
 
 
@@ -177,8 +177,8 @@ def test_without_counterpart_counts_as_not_shown(take: Take, plan: Trajectory) -
     fit = replace(take.pair.surface, correspondences=replace(match, target_index=index))
     fewer = replace(take, pair=replace(take.pair, surface=fit))
     planned = views(plan, fit.target, take.inspection.camera, TRULY, take.pair.target_scene)
-    found = shown_of(planned, [fewer], SETTINGS)
-    measures = inspected_measures(found, planned, [fewer])
+    show = shown_of(planned, [fewer], SETTINGS)
+    measures = inspected_measures(show, planned, [fewer])
     weight = take.inspection.attention.weight * fit.source.area_m2
     lost = 100 * weight[index < 0].sum() / weight.sum()
     assert measures["inspected_without_counterpart_pct"] == pytest.approx(lost, abs=0.1) and lost > 10
@@ -202,8 +202,8 @@ def test_flying_the_demonstration_itself_shows_all_of_it(take: Take) -> None:
     own = same_place(take)
     flown = own.inspection.logged
     planned = views(flown, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
-    found = shown_of(planned, [own], SETTINGS)
-    measures = inspected_measures(found, planned, [own])
+    show = shown_of(planned, [own], SETTINGS)
+    measures = inspected_measures(show, planned, [own])
     measures |= compared(own, flown)
     assert measures["coverage_inspected_pct"] > 99
     assert measures["coverage_of_target_pct"] > 99 and measures["coverage_context_pct"] > 99

@@ -67,21 +67,23 @@ def judged(
 
 
 def test_flying_the_demonstration_itself_is_perfect() -> None:
-    found = judged(ring(20), ring(20))
-    assert found.coverage_paper_pct == found.coverage_seen_pct == 100.0
-    assert found.frechet_z == pytest.approx(0, abs=1e-9) and found.frechet_m == pytest.approx(0, abs=1e-9)
-    assert found.standoff_ratio_p50 == pytest.approx(1, rel=1e-9)
-    assert found.duration_s == 60.0
-    assert found.min_clearance_m == pytest.approx(20 - 5 * np.sqrt(2), abs=0.05)  # before the edges
-    assert found.path_length_m == pytest.approx(2 * np.pi * 20, rel=1e-2)
-    assert found.peak_speed_mps == pytest.approx(2 * np.pi * 20 / 60, rel=1e-2)
-    assert found.peak_acceleration_mps2 == pytest.approx((2 * np.pi / 60) ** 2 * 20, rel=2e-2)
+    measures = judged(ring(20), ring(20))
+    assert measures.coverage_paper_pct == measures.coverage_seen_pct == 100.0
+    assert measures.frechet_z == pytest.approx(0, abs=1e-9) and measures.frechet_m == pytest.approx(
+        0, abs=1e-9
+    )
+    assert measures.standoff_ratio_p50 == pytest.approx(1, rel=1e-9)
+    assert measures.duration_s == 60.0
+    assert measures.min_clearance_m == pytest.approx(20 - 5 * np.sqrt(2), abs=0.05)  # before the edges
+    assert measures.path_length_m == pytest.approx(2 * np.pi * 20, rel=1e-2)
+    assert measures.peak_speed_mps == pytest.approx(2 * np.pi * 20 / 60, rel=1e-2)
+    assert measures.peak_acceleration_mps2 == pytest.approx((2 * np.pi / 60) ** 2 * 20, rel=2e-2)
 
 
 def test_what_a_quarter_of_the_way_shows() -> None:
-    found = judged(ring(20), ring(20, number=16, turns=0.0, start=0.0))  # hovering before one face
-    assert found.coverage_paper_pct == 100.0  # the frustum sees through the cube
-    assert found.coverage_seen_pct == pytest.approx(25.0)  # one of the four sides
+    measures = judged(ring(20), ring(20, number=16, turns=0.0, start=0.0))  # hovering before one face
+    assert measures.coverage_paper_pct == 100.0  # the frustum sees through the cube
+    assert measures.coverage_seen_pct == pytest.approx(25.0)  # one of the four sides
 
 
 def test_standoff_and_incidence_are_those_of_the_views() -> None:
@@ -119,9 +121,9 @@ def test_area_decides_the_weight() -> None:
 def test_a_demonstration_that_saw_nothing_has_no_coverage() -> None:
     away = ring(20)
     away = Trajectory(away.t_s, away.positions, look_at(away.positions, 3 * away.positions))
-    found = judged(away, ring(20))
-    assert np.isnan(found.coverage_seen_pct) and np.isnan(found.coverage_paper_pct)
-    assert np.isnan(found.standoff_ratio_p50)
+    measures = judged(away, ring(20))
+    assert np.isnan(measures.coverage_seen_pct) and np.isnan(measures.coverage_paper_pct)
+    assert np.isnan(measures.standoff_ratio_p50)
 
 
 def test_stations_keep_the_poses_and_leave_no_gap() -> None:

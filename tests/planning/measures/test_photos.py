@@ -27,7 +27,7 @@ CAMERA = Camera(75.0, 60.0, 2.0, 50.0, 4000, 3200, trigger_s=4.0, exposure_s=1 /
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[Plan, Plan, Structure]:
+def plans() -> tuple[Plan, Plan, Structure]:
     """The same flight round a cube as photos and as a film, planned for a cuboid."""
     source, target = box((12.0, 12.0, 12.0), "cube").structure, box((16.0, 12.0, 9.0), "cuboid").structure
     film = replace(fly(source, "sides", seed=3), camera=CAMERA)
@@ -37,8 +37,8 @@ def made() -> tuple[Plan, Plan, Structure]:
 
 
 @pytest.mark.ci
-def test_a_flight_of_photos_becomes_one_and_a_film_stays_a_film(made) -> None:
-    photos, film, target = made
+def test_a_flight_of_photos_becomes_one_and_a_film_stays_a_film(plans) -> None:
+    photos, film, target = plans
     assert photos.status == film.status == "ok" and film.photos is None
     path, flags, taken = photos.trajectory, photos.is_viewpoint, photos.photos
     assert 5 < len(taken) == flags.sum() < film.is_viewpoint.sum()
@@ -56,8 +56,8 @@ def test_a_flight_of_photos_becomes_one_and_a_film_stays_a_film(made) -> None:
 
 
 @pytest.mark.ci
-def test_a_flight_waits_for_its_camera_on_the_planned_legs_and_brakes_no_harder(made) -> None:
-    _, film, target = made
+def test_a_flight_waits_for_its_camera_on_the_planned_legs_and_brakes_no_harder(plans) -> None:
+    _, film, target = plans
     path, surface = film.trajectory, Cloud(film.surface.points, film.surface.normals)
     for interval_s in (2.0, 6.0):
         taken = photographed(path, CAMERA, scene_of(target), surface, interval_s, 2.0, complete=True)
@@ -70,8 +70,8 @@ def test_a_flight_waits_for_its_camera_on_the_planned_legs_and_brakes_no_harder(
 
 
 @pytest.mark.ci
-def test_missions_take_the_photos_of_the_plan_where_the_camera_takes_them_in_time(made) -> None:
-    photos, _, target = made
+def test_missions_take_the_photos_of_the_plan_where_the_camera_takes_them_in_time(plans) -> None:
+    photos, _, target = plans
     placed = replace(target, placement=PLACE)
     (mission,) = missions_of(photos, placed, MissionOptions(home_m=(40.0, 0.0, 0.0)), camera=CAMERA)
     assert np.allclose(mission.local[mission.photo], photos.photos.positions)
@@ -82,8 +82,8 @@ def test_missions_take_the_photos_of_the_plan_where_the_camera_takes_them_in_tim
     assert np.diff(mission.arrival_s[mission.photo]).min() >= 9.0
 
 
-def test_photos_are_kept_checked_and_given_to_pandas(made, tmp_path) -> None:
-    photos, film, _ = made
+def test_photos_are_kept_checked_and_given_to_pandas(plans, tmp_path) -> None:
+    photos, film, _ = plans
     catalog = Catalog(tmp_path / "catalog").create()
     catalog.add_plans([("a" * 64, photos, {}), ("b" * 64, film, {})])
     table = catalog.photos("a" * 20)

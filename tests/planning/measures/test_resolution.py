@@ -41,15 +41,15 @@ def farther(path: Trajectory, times: float) -> Trajectory:
 
 
 def test_the_demonstration_itself_is_as_fine_as_it_was(own: Take) -> None:
-    found = measured(own, own.inspection.logged)
-    assert found["gsd_within_pct"] > 99.5
+    measures = measured(own, own.inspection.logged)
+    assert measures["gsd_within_pct"] > 99.5
     for percent in (50, 95):
-        was = found[f"gsd_demonstrated_mm_p{percent}"]
-        assert found[f"gsd_mm_p{percent}"] == pytest.approx(was, rel=0.01)
+        was = measures[f"gsd_demonstrated_mm_p{percent}"]
+        assert measures[f"gsd_mm_p{percent}"] == pytest.approx(was, rel=0.01)
     camera = own.inspection.camera
     away = np.median(own.pair.source_scene.distance(own.inspection.logged.positions))
     nearest = 1e3 * away / focal_px(camera.width_px, camera.hfov_deg)
-    assert nearest * 0.9 < found["gsd_mm_p50"] < nearest * 1.4  # never finer than straight on
+    assert nearest * 0.9 < measures["gsd_mm_p50"] < nearest * 1.4  # never finer than straight on
 
 
 def test_from_farther_off_it_is_coarser_and_not_within(own: Take) -> None:
@@ -65,10 +65,10 @@ def test_what_no_safe_camera_shows_as_finely_does_not_count(own: Take) -> None:
     fence = np.array([[-40.0, -40.0], [9.0, -40.0], [9.0, 40.0], [-40.0, 40.0]])
     target = own.pair.target
     fenced = replace(target, surroundings=replace(target.surroundings, geofence_m=fence))
-    asked = replace(own, pair=replace(own.pair, target=fenced))
-    free, kept = measured(own, path), measured(asked, path)
+    fenced_take = replace(own, pair=replace(own.pair, target=fenced))
+    free, beside = measured(own, path), measured(fenced_take, path)
     assert free["gsd_within_pct"] < 5
-    assert kept["gsd_within_pct"] >= free["gsd_within_pct"]
+    assert beside["gsd_within_pct"] >= free["gsd_within_pct"]
     nowhere = replace(target, surroundings=replace(target.surroundings, ceiling_z_m=-50.0))
     none = measured(replace(own, pair=replace(own.pair, target=nowhere)), path)
     assert none["gsd_within_pct"] == 100  # of what is as fine all the same

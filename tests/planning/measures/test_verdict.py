@@ -23,7 +23,7 @@ GOOD = Measures(
 
 
 @pytest.fixture(scope="module")
-def asked():
+def case():
     fleet = {each.structure_id: each for each in sample_structures()}
     settings = settings_for("recommended")
     flown = fly(fleet["cube-v1"], "sides")
@@ -33,13 +33,13 @@ def asked():
     return path, takes, settings, flown, fleet
 
 
-def test_a_good_plan_falls_short_of_nothing(asked):
-    path, takes, settings, *_ = asked
+def test_a_good_plan_falls_short_of_nothing(case):
+    path, takes, settings, *_ = case
     assert shortfalls(path, GOOD, takes, settings) == ()
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "words"),
     [
         ({"coverage_inspected_pct": 59.0}, "shows 59.0 % of what was inspected"),
         ({"coverage_inspected_pct": float("nan")}, "was not measured"),
@@ -51,14 +51,14 @@ def test_a_good_plan_falls_short_of_nothing(asked):
         ({"duration_s": float("inf")}, "not finite"),
     ],
 )
-def test_each_floor_says_what_is_short_and_by_how_much(asked, change, told):
-    path, takes, settings, *_ = asked
-    (said,) = shortfalls(path, replace(GOOD, **change), takes, settings)
-    assert told in said
+def test_each_floor_says_what_is_short_and_by_how_much(case, change, words):
+    path, takes, settings, *_ = case
+    (sentence,) = shortfalls(path, replace(GOOD, **change), takes, settings)
+    assert words in sentence
 
 
-def test_a_waypoint_that_is_no_place_is_never_flown(asked):
-    path, takes, settings, *_ = asked
+def test_a_waypoint_that_is_no_place_is_never_flown(case):
+    path, takes, settings, *_ = case
     positions = path.positions.copy()
     positions[3] = np.nan
     assert shortfalls(replace(path, positions=positions), GOOD, takes, settings) == (
@@ -66,17 +66,17 @@ def test_a_waypoint_that_is_no_place_is_never_flown(asked):
     )
 
 
-def test_rules_of_the_airspace_hold_for_every_preset(asked):
-    path, takes, settings, *_ = asked
+def test_rules_of_the_airspace_hold_for_every_preset(case):
+    path, takes, settings, *_ = case
     around = replace(takes[0].pair.target.surroundings, ceiling_z_m=float(path.positions[:, 2].min()) - 1)
     below = replace(takes[0].pair, target=replace(takes[0].pair.target, surroundings=around))
-    (said,) = shortfalls(path, GOOD, [replace(takes[0], pair=below)], settings)
-    assert "above the ceiling" in said
+    (sentence,) = shortfalls(path, GOOD, [replace(takes[0], pair=below)], settings)
+    assert "above the ceiling" in sentence
 
 
 @pytest.mark.slow
-def test_recommended_is_refused_and_comparisons_carry_the_verdict(asked, monkeypatch):
-    *_, flown, fleet = asked
+def test_recommended_is_refused_and_comparisons_carry_the_verdict(case, monkeypatch):
+    *_, flown, fleet = case
     target = fleet["cuboid-v1"]
     plan = plan_transfer(
         flown, fleet["cube-v1"], target, settings_for("baseline", route={"clearance_m": 30.0})
@@ -91,9 +91,9 @@ def test_recommended_is_refused_and_comparisons_carry_the_verdict(asked, monkeyp
 
 
 @pytest.mark.slow
-def test_a_target_of_another_size_than_its_source_is_refused_or_warned_of(asked):
+def test_a_target_of_another_size_than_its_source_is_refused_or_warned_of(case):
     """A unit that was mistaken: millimetres, inches and feet as metres, or a model of 3 to 10."""
-    *_, flown, fleet = asked
+    *_, flown, fleet = case
     source, target, settings = fleet["cube-v1"], fleet["cuboid-v1"], settings_for("recommended")
 
     def scaled(factor):

@@ -58,7 +58,7 @@ def test_limits_themselves_are_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "words"),
     [
         (
             {"coverage_inspected_pct": 59.99},
@@ -72,9 +72,9 @@ def test_limits_themselves_are_kept() -> None:
         ({"frechet_m": np.inf}, "a measure is not finite"),
     ],
 )
-def test_beyond_a_limit_it_is_said(change: dict[str, float], told: str) -> None:
-    (said,) = short(**change)
-    assert said.startswith(told)
+def test_beyond_a_limit_it_is_said(change: dict[str, float], words: str) -> None:
+    (sentence,) = short(**change)
+    assert sentence.startswith(words)
 
 
 def test_a_smaller_target_is_given_the_way_and_the_time_of_the_demonstration() -> None:
@@ -86,10 +86,10 @@ def test_a_smaller_target_is_given_the_way_and_the_time_of_the_demonstration() -
 def test_an_area_that_is_larger_is_given_the_way_and_the_time_for_its_passes() -> None:
     """Four times the area: 400 m and 160 s count as the demonstration's, where its shape is twice as long."""
     assert short(takes=[take(larger=4.0)], path_length_m=1250.0, duration_s=700.0) == ()
-    (said,) = short(takes=[take(larger=4.0)], path_length_m=1250.1)
-    assert "where the demonstration is 400 m long" in said
-    (said,) = short(takes=[take(larger=4.0)], duration_s=700.1)
-    assert "where the demonstration takes 160 s" in said
+    (sentence,) = short(takes=[take(larger=4.0)], path_length_m=1250.1)
+    assert "where the demonstration is 400 m long" in sentence
+    (sentence,) = short(takes=[take(larger=4.0)], duration_s=700.1)
+    assert "where the demonstration takes 160 s" in sentence
 
 
 def test_several_takes_add_up() -> None:

@@ -26,7 +26,7 @@ def reconstructed() -> Structure:
 
 
 @pytest.mark.parametrize(
-    ("stated", "said"),
+    ("stated", "words"),
     [
         ({}, "looks like a reconstruction of a scan and counts as drawn: declare surface = 'scanned'"),
         ({"surface": "drawn"}, ""),
@@ -34,10 +34,10 @@ def reconstructed() -> Structure:
         ({"surface": "scanned"}, "the target is a scan, whose surface is known to"),
     ],
 )
-def test_what_is_said_of_the_surface(reconstructed: Structure, stated: dict[str, Any], said: str) -> None:
+def test_what_is_said_of_the_surface(reconstructed: Structure, stated: dict[str, Any], words: str) -> None:
     target = replace(reconstructed, **stated)
     scene, settings = scene_of(target, 1), settings_for("recommended")
-    found = replace(Measures(), surface_error_m=scene.error_m, min_clearance_m=9.0)
+    measures = replace(Measures(), surface_error_m=scene.error_m, min_clearance_m=9.0)
     seen = cast(InspectedSurface, type("Seen", (), {"without_pct": 0.0}))
-    warnings = list(of_surface(found, seen, target, scene, settings))
-    assert [said in each for each in warnings] == ([True] if said else [])
+    warnings = list(of_surface(measures, seen, target, scene, settings))
+    assert [words in each for each in warnings] == ([True] if words else [])

@@ -52,8 +52,8 @@ def test_a_diagonal_wall_leaves_no_gap() -> None:
 
 
 def test_an_open_outline_encloses_nothing() -> None:
-    made = walls(L_SHAPE, 2.0)
-    open_ = Structure("open", "box", made.vertices, made.triangles[[0, 1, 2, 3, 4, 6, 7, 8, 9, 10]])
+    outline = walls(L_SHAPE, 2.0)
+    open_ = Structure("open", "box", outline.vertices, outline.triangles[[0, 1, 2, 3, 4, 6, 7, 8, 9, 10]])
     floor = floor_of(open_)
     assert not floor.beneath(np.array([[2.0, 2, 0], [6, 2, 0]])).any()
 

@@ -60,11 +60,11 @@ def off_axes_deg(heading_rad: float, degrees: float) -> float:
 
 @pytest.mark.parametrize("degrees", [0.0, 10.0, 44.0, 46.0, -80.0, 200.0])
 def test_the_axes_are_those_that_walls_face(degrees: float) -> None:
-    for made in (prism(degrees), prism(degrees, (9.0, 9.0)), prism(degrees, (30.0, 1.0))):
-        frame = own_frame(made)
+    for shape in (prism(degrees), prism(degrees, (9.0, 9.0)), prism(degrees, (30.0, 1.0))):
+        frame = own_frame(shape)
         assert off_axes_deg(frame.heading_rad, degrees) < 1e-6
         assert -np.pi <= frame.heading_rad <= np.pi
-        assert frame.origin_m == pytest.approx([*made.vertices[:, :2].mean(axis=0), 0.0])
+        assert frame.origin_m == pytest.approx([*shape.vertices[:, :2].mean(axis=0), 0.0])
     upright = own_frame(prism(0.0)).heading_rad
     turned = own_frame(prism(degrees)).heading_rad
     assert np.degrees(turned - upright - np.radians(degrees) + np.pi) % 360 == pytest.approx(180)
@@ -92,8 +92,8 @@ def test_round_walls_have_a_heading_from_their_vertices_alone() -> None:
 
 
 def test_points_tell_their_heading_by_normals_or_by_their_offsets() -> None:
-    made = prism(20.0, (9.0, 9.0))
-    grid = np.vstack([made.vertices, made.vertices * [1, 1, 0.5]])
+    shape = prism(20.0, (9.0, 9.0))
+    grid = np.vstack([shape.vertices, shape.vertices * [1, 1, 0.5]])
     normals = np.repeat([[1.0, 0, 0], [0, 1, 0]], 8, axis=0) @ about_z(20.0).T
     scan = Structure("scan", "box", grid, np.empty((0, 3), np.int64), normals)
     assert off_axes_deg(own_frame(scan).heading_rad, 20.0) < 1e-6
@@ -139,18 +139,18 @@ def test_every_step_must_mind_the_frame(changes: dict[str, dict[str, object]]) -
 
 
 def test_a_structure_is_carried_with_all_that_it_has() -> None:
-    made = replace(prism(5.0), normals=np.tile([1.0, 0, 0], (8, 1)))
-    there = structure_in(FRAME, made)
-    assert there.vertices == pytest.approx((made.vertices - FRAME.origin_m) @ about_z(33.0), abs=1e-6)
+    shape = replace(prism(5.0), normals=np.tile([1.0, 0, 0], (8, 1)))
+    there = structure_in(FRAME, shape)
+    assert there.vertices == pytest.approx((shape.vertices - FRAME.origin_m) @ about_z(33.0), abs=1e-6)
     assert np.array_equal(there.vertices, np.round(there.vertices * 2**20) / 2**20)
     assert there.normals == pytest.approx(np.tile([1.0, 0, 0] @ about_z(33.0), (8, 1)))
-    corner = (np.array(made.landmarks["corner"]) - FRAME.origin_m) @ about_z(33.0)
+    corner = (np.array(shape.landmarks["corner"]) - FRAME.origin_m) @ about_z(33.0)
     assert there.landmarks["corner"] == pytest.approx(corner)
-    assert there.frame is FRAME and there.triangles is made.triangles
+    assert there.frame is FRAME and there.triangles is shape.triangles
     assert there.sha256 == f"abc-turned-{np.radians(33):.12f}-about-4.000000--2.000000"
-    assert structure_in(FRAME, made) is there and structure_in(DECLARED, made) is made
-    assert structure_in(Frame(0.1), made) is not there
-    assert structure_in(FRAME, replace(made, sha256="")).sha256 == ""
+    assert structure_in(FRAME, shape) is there and structure_in(DECLARED, shape) is shape
+    assert structure_in(Frame(0.1), shape) is not there
+    assert structure_in(FRAME, replace(shape, sha256="")).sha256 == ""
 
 
 def flight() -> Demonstration:
@@ -182,10 +182,10 @@ def test_a_flight_is_carried_there_and_back() -> None:
 
 def test_a_surface_is_carried_back() -> None:
     points, normals = np.ones((2, 3)), np.tile([0.0, 1, 0], (2, 1))
-    found = in_declared(FRAME, SurfaceStates(points, np.zeros(2, np.int64), normals))
-    assert found is not None
-    assert found.points == pytest.approx(points @ about_z(33.0).T + FRAME.origin_m)
-    assert found.normals == pytest.approx(normals @ about_z(33.0).T)
+    surface = in_declared(FRAME, SurfaceStates(points, np.zeros(2, np.int64), normals))
+    assert surface is not None
+    assert surface.points == pytest.approx(points @ about_z(33.0).T + FRAME.origin_m)
+    assert surface.normals == pytest.approx(normals @ about_z(33.0).T)
     plain = in_declared(FRAME, SurfaceStates(points, np.zeros(2, np.int64)))
     assert plain is not None and plain.normals is None
     assert in_declared(FRAME, None) is None
@@ -198,19 +198,23 @@ def test_a_registration_says_the_same_in_the_declared_frames(heading: float) -> 
     here = Frame(np.radians(heading), np.array([1.0, 2.0, 0.0]))
     turn = Rotation.from_euler("xyz", [0, 0, 90], degrees=True).as_matrix()
     rotation = Rotation.from_euler("xyz", [3, -2, 5], degrees=True).as_matrix()
-    found = Registration(np.array([2.0, 3.0, 4.0]), rotation, np.array([5.0, 6, 7]), 0.0, True, turn=turn)
-    told = registration_from(here, FRAME, found)
-    assert told is not None
+    registration = Registration(
+        np.array([2.0, 3.0, 4.0]), rotation, np.array([5.0, 6, 7]), 0.0, True, turn=turn
+    )
+    declared = registration_from(here, FRAME, registration)
+    assert declared is not None
     points = np.random.default_rng(1).normal(0, 9, (5, 3))
-    wanted = here.to_declared(found.to_demo(FRAME.from_declared(points)))
-    assert told.to_demo(points) == pytest.approx(wanted)
-    assert told.to_target(wanted) == pytest.approx(points)
-    assert np.linalg.det(told.rotation) == pytest.approx(1) and np.linalg.det(told.turn) == pytest.approx(1)
+    expected = here.to_declared(registration.to_demo(FRAME.from_declared(points)))
+    assert declared.to_demo(points) == pytest.approx(expected)
+    assert declared.to_target(expected) == pytest.approx(points)
+    assert np.linalg.det(declared.rotation) == pytest.approx(1) and np.linalg.det(
+        declared.turn
+    ) == pytest.approx(1)
     quarter = round(heading / 90) % 2
-    assert told.scale == pytest.approx([3, 2, 4] if quarter else [2, 3, 4])
-    assert registration_from(DECLARED, DECLARED, found) is found
+    assert declared.scale == pytest.approx([3, 2, 4] if quarter else [2, 3, 4])
+    assert registration_from(DECLARED, DECLARED, registration) is registration
     assert registration_from(here, FRAME, None) is None
-    assert registration_from(DECLARED, FRAME, found) is not found
+    assert registration_from(DECLARED, FRAME, registration) is not registration
 
 
 def test_words_mean_the_nearest_declared_axes() -> None:
@@ -220,8 +224,8 @@ def test_words_mean_the_nearest_declared_axes() -> None:
 
 def test_the_heading_does_not_depend_on_the_size() -> None:
     for scale in (0.003, 1.0, 500.0):
-        made = prism(30.0)
-        sized = replace(made, vertices=scale * made.vertices)
+        shape = prism(30.0)
+        sized = replace(shape, vertices=scale * shape.vertices)
         assert off_axes_deg(own_frame(sized).heading_rad, 30.0) < 1e-6
     upright = own_frame(prism(0.0)).heading_rad
     small = replace(prism(0.0), vertices=0.01 * prism(0.0).vertices)

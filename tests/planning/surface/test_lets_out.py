@@ -17,7 +17,7 @@ REACH = 50.0
 UP, DOWN = np.array([[0.0, 0, 1]]), np.array([[0.0, 0, -1]])
 
 
-class Asked:
+class Rays:
     """A scene that notes the rays, of which so many in a row are free."""
 
     def __init__(self, free: int = 0) -> None:
@@ -33,13 +33,13 @@ class Asked:
         return np.asarray(number >= self.free, bool)
 
 
-def out(scene: Asked, normal: Floats = UP, floor: Floor | None = None, few: bool = False) -> bool:
-    found = lets_out(np.ones((1, 3)), normal, REACH, cast(Scene, scene), floor or Floor.none(), few)
-    return bool(found[0])
+def out(scene: Rays, normal: Floats = UP, floor: Floor | None = None, few: bool = False) -> bool:
+    outside = lets_out(np.ones((1, 3)), normal, REACH, cast(Scene, scene), floor or Floor.none(), few)
+    return bool(outside[0])
 
 
 def test_directions_are_spread_over_the_whole_sphere() -> None:
-    above, below = Asked(), Asked()
+    above, below = Rays(), Rays()
     assert not out(above) and not out(below, DOWN)
     rays = np.vstack([above.rays, below.rays])
     assert np.linalg.norm(rays, axis=1) == pytest.approx(np.ones(len(rays)))
@@ -49,27 +49,27 @@ def test_directions_are_spread_over_the_whole_sphere() -> None:
     assert apart.min() > 15 and apart.max() < 32
     for axis in np.vstack([np.eye(3), -np.eye(3)]):
         assert (rays @ axis).max() > 0.9
-    few = Asked()
+    few = Rays()
     assert not out(few, few=True) and 6 <= len(few.rays) <= 9
 
 
 def test_two_free_rays_of_the_first_settle_it() -> None:
-    free = Asked(99)
+    free = Rays(99)
     assert out(free) and len(free.rays) == 2
     assert free.rays[:, 2].min() > 0.85  # those along the normal come first
-    one = Asked(1)
+    one = Rays(1)
     assert not out(one)  # one of 29: less than six in a hundred
-    alone = Asked(1)
+    alone = Rays(1)
     assert out(alone, few=True)  # one of eight
 
 
 def test_a_floor_stops_what_goes_down_through_it() -> None:
     wide = Floor(0.0, np.array([-99.0, -99.0]), 1.0, np.ones((198, 198), bool))
-    free = Asked(99)
+    free = Rays(99)
     assert not out(free, DOWN, wide) and not len(free.rays)
-    below = Asked(99)
+    below = Rays(99)
     assert out(below, DOWN, replace(wide, z_m=2.0)) and len(below.rays) == 2
-    assert out(Asked(99), UP, wide)
+    assert out(Rays(99), UP, wide)
 
 
 def crossed(floor: Floor, origins: Floats, directions: Floats) -> Bools:

@@ -36,9 +36,9 @@ def grid_box(low: list[float], size: list[float], step: float = 0.5) -> tuple[Fl
 
 
 def cloud(*boxes: tuple[list[float], list[float]], step: float = 0.5) -> Cloud:
-    made = [grid_box(*box, step) for box in boxes]
-    label = np.repeat(np.arange(len(made)), [len(points) for points, _ in made])
-    points, normals = (np.concatenate(of) for of in zip(*made, strict=True))
+    samples = [grid_box(*box, step) for box in boxes]
+    label = np.repeat(np.arange(len(samples)), [len(points) for points, _ in samples])
+    points, normals = (np.concatenate(of) for of in zip(*samples, strict=True))
     return Cloud(points, normals, np.ones(len(points)), label)
 
 
@@ -46,24 +46,24 @@ BODY = ([0.0, -3, 0], [30.0, 6, 4])
 
 
 def test_boxes_areas_and_contacts() -> None:
-    made = cloud(BODY, ([10.0, 3.3, 1], [4.0, 3, 2]), ([10.0, 9, 1], [4.0, 3, 2]))
-    found = parts_of(made)
-    assert found.low.tolist() == [[0, -3, 0], [10, 3.3, 1], [10, 9, 1]]
-    assert found.high.tolist() == [[30, 3, 4], [14, 6.3, 3], [14, 12, 3]]
-    assert found.middle[1].tolist() == [12, 4.8, 2]
-    assert found.area == pytest.approx(np.bincount(made.part) / len(made.points))  # type: ignore[arg-type]
+    whole = cloud(BODY, ([10.0, 3.3, 1], [4.0, 3, 2]), ([10.0, 9, 1], [4.0, 3, 2]))
+    parts = parts_of(whole)
+    assert parts.low.tolist() == [[0, -3, 0], [10, 3.3, 1], [10, 9, 1]]
+    assert parts.high.tolist() == [[30, 3, 4], [14, 6.3, 3], [14, 12, 3]]
+    assert parts.middle[1].tolist() == [12, 4.8, 2]
+    assert parts.area == pytest.approx(np.bincount(whole.part) / len(whole.points))  # type: ignore[arg-type]
     # 0.015 of a diagonal of 33.8 m: a gap of 0.3 m touches, one of 2.7 m does not.
-    assert found.touching.tolist() == [[False, True, False], [True, False, False], [False, False, False]]
-    assert parts_of(made) is found and len(found) == 3
+    assert parts.touching.tolist() == [[False, True, False], [True, False, False], [False, False, False]]
+    assert parts_of(whole) is parts and len(parts) == 3
 
 
 def test_extents_are_along_a_parts_own_axes() -> None:
     points, normals = grid_box([-5.0, -1, -0.5], [10.0, 2, 1])
     turn = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
-    found = parts_of(
+    parts = parts_of(
         Cloud(points @ turn.T, normals @ turn.T, np.ones(len(points)), np.zeros(len(points), int))
     )
-    assert found.extent[0] == pytest.approx([10, 2, 1], abs=1e-6)
+    assert parts.extent[0] == pytest.approx([10, 2, 1], abs=1e-6)
 
 
 def test_sides_of_boxes_in_a_whole() -> None:
@@ -92,11 +92,11 @@ def test_what_has_no_mirror_image_lies_on_no_side() -> None:
 @pytest.mark.parametrize("quarter", [0, 1, 2, 3])
 def test_parts_turn_with_their_axes(quarter: int) -> None:
     turn = np.round(Rotation.from_rotvec([0, 0, quarter * np.pi / 2]).as_matrix())
-    made = cloud(BODY, ([10.0, 6, 1], [4.0, 3, 2]), ([10.0, -9, 1], [4.0, 3, 2]))
-    there = parts_of(Cloud(made.points @ turn.T, made.normals @ turn.T, made.area_m2, made.part))  # type: ignore[operator]
-    found = parts_of(made).in_axes(turn)
-    assert found.low == pytest.approx(there.low) and found.high == pytest.approx(there.high)
-    assert found.side == pytest.approx(there.side, nan_ok=True)
+    whole = cloud(BODY, ([10.0, 6, 1], [4.0, 3, 2]), ([10.0, -9, 1], [4.0, 3, 2]))
+    there = parts_of(Cloud(whole.points @ turn.T, whole.normals @ turn.T, whole.area_m2, whole.part))  # type: ignore[operator]
+    parts = parts_of(whole).in_axes(turn)
+    assert parts.low == pytest.approx(there.low) and parts.high == pytest.approx(there.high)
+    assert parts.side == pytest.approx(there.side, nan_ok=True)
 
 
 def are_blades(extent: list[list[float]], area: list[float], apart: float = 0.3) -> list[bool]:
@@ -138,8 +138,8 @@ def test_a_part_has_the_name_of_most_of_what_has_one_unless_little_has() -> None
 
 def test_samples_on_blades() -> None:
     hub = ([-2.0, -2, -2], [4.0, 4, 4])
-    made = cloud(hub, ([-0.5, -0.5, 3], [1.0, 1, 12]), ([-0.5, 3, -0.5], [1.0, 12, 1]), step=0.25)
-    assert np.array_equal(blades_of(made), labels_of(made) > 0)
+    rotor = cloud(hub, ([-0.5, -0.5, 3], [1.0, 1, 12]), ([-0.5, 3, -0.5], [1.0, 12, 1]), step=0.25)
+    assert np.array_equal(blades_of(rotor), labels_of(rotor) > 0)
 
 
 def test_what_faces_all_ways_is_a_body() -> None:
@@ -159,9 +159,9 @@ def test_pieces_are_welded_within_some_millimetres() -> None:
     near = np.array([[1.0, 0, 0], [0, 1, 0], [1, 1, 0]]) + 0.002
     apart = triangle + np.array([0, 0, 0.01])
     vertices = np.vstack([triangle, near, apart, [[30.0, 40, 0]]])
-    made = Structure("made", "box", vertices, np.array([[0, 1, 2], [3, 5, 4], [6, 7, 8]]))
-    found = mesh_pieces(made)
-    assert found[0] == found[1] != found[2]
+    mesh = Structure("made", "box", vertices, np.array([[0, 1, 2], [3, 5, 4], [6, 7, 8]]))
+    pieces = mesh_pieces(mesh)
+    assert pieces[0] == pieces[1] != pieces[2]
 
 
 def labelled(*sizes: int) -> tuple[Floats, Ints]:
@@ -205,15 +205,15 @@ def test_small_areas_join_whatever_the_number_of_pieces(number: int) -> None:
 @pytest.mark.parametrize(("gap", "together"), [(0.3, True), (3.0, False)])
 def test_touching_compact_pieces_are_one_body(gap: float, together: bool) -> None:
     boxes = [([0.0, -3, 0], [60.0, 6, 4]), ([20.0, 9, 0], [4.0, 3, 3]), ([24.0 + gap, 9, 0], [4.0, 3, 3])]
-    made = [grid_box(*box)[0] for box in boxes]
-    piece = np.repeat(np.arange(3), [len(points) for points in made])
-    label = part_labels(np.concatenate(made), np.ones(len(piece)), piece)
+    bodies = [grid_box(*box)[0] for box in boxes]
+    piece = np.repeat(np.arange(3), [len(points) for points in bodies])
+    label = part_labels(np.concatenate(bodies), np.ones(len(piece)), piece)
     assert label.max() == (1 if together else 2)
     assert (label[piece == 1][0] == label[piece == 2][0]) == together
 
 
 def test_a_large_piece_is_no_body_with_its_neighbour() -> None:
     boxes = [([0.0, -3, 0], [60.0, 6, 4]), ([20.0, 9, 0], [4.0, 3, 3]), ([24.2, 9, 0], [16.0, 3, 3])]
-    made = [grid_box(*box)[0] for box in boxes]
-    piece = np.repeat(np.arange(3), [len(points) for points in made])
-    assert part_labels(np.concatenate(made), np.ones(len(piece)), piece).max() == 2
+    bodies = [grid_box(*box)[0] for box in boxes]
+    piece = np.repeat(np.arange(3), [len(points) for points in bodies])
+    assert part_labels(np.concatenate(bodies), np.ones(len(piece)), piece).max() == 2

@@ -55,9 +55,9 @@ def test_pieces_are_those_of_the_mesh() -> None:
     triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     near, far = np.array([5, 0, 0]), np.array([9, 0, 0])
     vertices = np.concatenate([triangle, triangle + near, triangle + near, triangle + far])
-    found = mesh_pieces(Structure("s", "k", vertices, np.arange(12).reshape(4, 3)))
-    assert found[1] == found[2]  # not welded in the file, but at the same place
-    assert len(set(found.tolist())) == 3
+    pieces = mesh_pieces(Structure("s", "k", vertices, np.arange(12).reshape(4, 3)))
+    assert pieces[1] == pieces[2]  # not welded in the file, but at the same place
+    assert len(set(pieces.tolist())) == 3
 
 
 def test_labels_are_ordered_by_area_and_small_pieces_join_what_is_near() -> None:
@@ -87,18 +87,18 @@ def test_the_nearer_engine_is_not_taken_for_the_one_of_its_place() -> None:
     source = cloud(HULL, brick((30, 25, 0), (9, 4, 4)), brick((20, 38, 0), (9, 4, 4)))
     # Both engines moved out, so that the inner one now lies nearest to where the outer one was.
     target = cloud(HULL, brick((18, 45, 0), (9, 4, 4)), brick((24, 36, 0), (9, 4, 4)))
-    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
-    assert counterparts(found, 1) == [2] and counterparts(found, 2) == [1]
+    matching = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
+    assert counterparts(matching, 1) == [2] and counterparts(matching, 2) == [1]
 
 
 def test_a_fairing_takes_no_engine() -> None:
     engine, fairing = brick((30, 25, 0), (5, 4, 4), 200), brick((29, 22, 2), (4, 1, 1), 20)
     inner, outer = brick((30, 26, 0), (5, 4, 4), 200), brick((22, 34, 0), (5, 4, 4), 200)
-    found = match_parts(
+    matching = match_parts(
         parts_of(cloud(HULL, engine, fairing)), parts_of(cloud(HULL, inner, outer)), DIAGONAL, never
     )
-    assert counterparts(found, 1) == [1]  # though both would find a partner if the fairing took it
-    assert counterparts(found, 2) == []
+    assert counterparts(matching, 1) == [1]  # though both would find a partner if the fairing took it
+    assert counterparts(matching, 2) == []
 
 
 def test_a_strip_that_sticks_out_does_not_widen_a_part() -> None:
@@ -113,9 +113,9 @@ def test_a_strip_that_sticks_out_does_not_widen_a_part() -> None:
 
 def test_a_part_more_stays_without_partner() -> None:
     source, target = cloud(HULL, LEFT, RIGHT), cloud(HULL, LEFT)
-    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
-    assert counterparts(found, 1) == [1] and counterparts(found, 2) == []
-    assert found.source_class[2] == -1
+    matching = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
+    assert counterparts(matching, 1) == [1] and counterparts(matching, 2) == []
+    assert matching.source_class[2] == -1
 
 
 WIDE = brick((0, 0, 0), (90, 20, 10), 3000)
@@ -125,73 +125,73 @@ def test_a_part_of_one_side_answers_to_none_in_the_middle_nor_across() -> None:
     belly, one_side = brick((30, 8, -4), (9, 4, 4)), brick((32, 10.5, 10), (9, 4, 4))
     other_side = brick((32, 5.5, 10), (9, 4, 4))
     source = parts_of(cloud(WIDE, brick((30, 17, -4), (9, 4, 4)), brick((30, -1, -4), (9, 4, 4))))
-    found = match_parts(source, parts_of(cloud(WIDE, belly)), DIAGONAL, never)
-    assert counterparts(found, 0) == [0]
-    assert counterparts(found, 1) == counterparts(found, 2) == []
+    matching = match_parts(source, parts_of(cloud(WIDE, belly)), DIAGONAL, never)
+    assert counterparts(matching, 0) == [0]
+    assert counterparts(matching, 1) == counterparts(matching, 2) == []
     pair = parts_of(cloud(WIDE, one_side, other_side))
     # Crossed over they would lie as near to their partners, and the order of the rows says nothing.
     swapped = parts_of(cloud(WIDE, other_side, one_side))
-    found = match_parts(pair, swapped, DIAGONAL, never)
-    assert counterparts(found, 1) == [2] and counterparts(found, 2) == [1]
+    matching = match_parts(pair, swapped, DIAGONAL, never)
+    assert counterparts(matching, 1) == [2] and counterparts(matching, 2) == [1]
     lone = match_parts(pair, parts_of(cloud(WIDE, other_side)), DIAGONAL, never)
     assert counterparts(lone, 2) == [1] and counterparts(lone, 1) == []
 
 
 def test_what_has_no_mirror_image_may_stand_on_the_other_side() -> None:
     crane, moved = brick((30, 14, 10), (4, 4, 8)), brick((30, 2, 10), (4, 4, 8))
-    found = match_parts(parts_of(cloud(WIDE, crane)), parts_of(cloud(WIDE, moved)), DIAGONAL, never)
-    assert counterparts(found, 1) == [1]
+    matching = match_parts(parts_of(cloud(WIDE, crane)), parts_of(cloud(WIDE, moved)), DIAGONAL, never)
+    assert counterparts(matching, 1) == [1]
 
 
 def test_no_tier_is_left_out_in_the_middle() -> None:
     hull = brick((0, 0, 0), (90, 20, 10), 3000)
     four = [brick((10, 2, 10 + 4 * tier), (60, 16, 4), 900) for tier in range(4)]
     three = [brick((10, 2, 10 + 5 * tier), (60, 16, 5), 900) for tier in range(3)]
-    found = match_parts(parts_of(cloud(hull, *four)), parts_of(cloud(hull, *three)), DIAGONAL, never)
-    assert [counterparts(found, part) for part in range(5)] == [[0], [1], [2], [3], []]
+    matching = match_parts(parts_of(cloud(hull, *four)), parts_of(cloud(hull, *three)), DIAGONAL, never)
+    assert [counterparts(matching, part) for part in range(5)] == [[0], [1], [2], [3], []]
 
 
 def test_a_wing_is_no_turned_fuselage() -> None:
     fuselage, wing = brick((0, -3, 0), (60, 6, 3), 600), brick((25, -29, 5), (6, 58, 2), 600)
     tall, engine = brick((0, -3, 0), (60, 6, 10), 600), brick((25, -29, 5), (6, 3, 2))
-    found = match_parts(parts_of(cloud(fuselage, wing)), parts_of(cloud(tall, engine)), DIAGONAL, never)
-    assert counterparts(found, 0) == counterparts(found, 1) == []
+    matching = match_parts(parts_of(cloud(fuselage, wing)), parts_of(cloud(tall, engine)), DIAGONAL, never)
+    assert counterparts(matching, 0) == counterparts(matching, 1) == []
 
 
 def test_what_stands_on_its_neighbours_is_a_body_and_what_continues_their_skin_is_none() -> None:
     hull = ((0.0, 0.0, 0.0), (40.0, 10.0, 6.0))
     cabin, panel = ((10.0, 2.0, 6.0), (20.0, 6.0, 2.0)), ((40.0, 0.0, 0.0), (8.0, 10.0, 6.0))
-    found = faced(hull, cabin, panel)
-    assert found.normals is not None and found.part is not None and found.area_m2 is not None
-    outer = np.ones(len(found.points), bool)
-    outer[found.part == 0] = found.normals[found.part == 0, 0] != 1  # open where the deck goes on
-    outer[found.part == 1] = found.points[found.part == 1, 2] > 6.05  # its floor is not seen
-    outer[found.part == 2] = found.normals[found.part == 2, 2] == 1  # a part of the deck
-    kept = Cloud(found.points[outer], found.normals[outer], found.area_m2[outer], found.part[outer])
-    assert parts_of(kept).body.tolist() == [True, True, False]
+    whole = faced(hull, cabin, panel)
+    assert whole.normals is not None and whole.part is not None and whole.area_m2 is not None
+    outer = np.ones(len(whole.points), bool)
+    outer[whole.part == 0] = whole.normals[whole.part == 0, 0] != 1  # open where the deck goes on
+    outer[whole.part == 1] = whole.points[whole.part == 1, 2] > 6.05  # its floor is not seen
+    outer[whole.part == 2] = whole.normals[whole.part == 2, 2] == 1  # a part of the deck
+    skin = Cloud(whole.points[outer], whole.normals[outer], whole.area_m2[outer], whole.part[outer])
+    assert parts_of(skin).body.tolist() == [True, True, False]
 
 
 def test_pins_are_kept() -> None:
     source, target = cloud(HULL, LEFT, RIGHT), cloud(HULL, LEFT, RIGHT)
-    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never, {1: 2})
-    assert counterparts(found, 1) == [2]
+    matching = match_parts(parts_of(source), parts_of(target), DIAGONAL, never, {1: 2})
+    assert counterparts(matching, 1) == [2]
 
 
 def test_order_of_the_target_does_not_matter() -> None:
     source, target = cloud(HULL, LEFT, RIGHT), cloud(RIGHT, HULL, LEFT)
-    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
-    assert [counterparts(found, part) for part in range(3)] == [[1], [2], [0]]
+    matching = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
+    assert [counterparts(matching, part) for part in range(3)] == [[1], [2], [0]]
 
 
 @pytest.mark.parametrize("agrees", [True, False])
 def test_two_halves_answer_to_a_whole_only_where_the_surfaces_agree(agrees: bool) -> None:
     whole = brick((30, -40, 3), (10, 80, 1))
     halves = brick((30, -40, 3), (10, 39, 1)), brick((30, 1, 3), (10, 39, 1))
-    found = match_parts(
+    matching = match_parts(
         parts_of(cloud(HULL, whole)), parts_of(cloud(HULL, *halves)), DIAGONAL,
         lambda parts, partners: agrees and len(parts) + len(partners) == 3,
     )  # fmt: skip
-    assert counterparts(found, 1) == ([1, 2] if agrees else [])
+    assert counterparts(matching, 1) == ([1, 2] if agrees else [])
 
 
 def test_places_in_words() -> None:

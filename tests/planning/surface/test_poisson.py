@@ -18,27 +18,27 @@ def square(number: int, seed: int = 0) -> tuple[Floats, Floats]:
 @pytest.mark.parametrize("number", [40, 150])
 def test_what_is_kept_keeps_apart_and_leaves_no_gap(number: int) -> None:
     points, normals = square(1500)
-    kept = thin(points, normals, number, 100.0)
-    assert (np.diff(kept) > 0).all() and number * 0.93 <= len(kept) <= number
-    apart = np.linalg.norm(points[kept][:, None] - points[kept], axis=2) + 99 * np.eye(len(kept))
+    index = thin(points, normals, number, 100.0)
+    assert (np.diff(index) > 0).all() and number * 0.93 <= len(index) <= number
+    apart = np.linalg.norm(points[index][:, None] - points[index], axis=2) + 99 * np.eye(len(index))
     least = apart.min()
     assert least > 0.6 * np.sqrt(100 / number)
-    gap = np.linalg.norm(points[:, None] - points[kept], axis=2).min(axis=1)
+    gap = np.linalg.norm(points[:, None] - points[index], axis=2).min(axis=1)
     assert gap.max() <= least * (1 + 1e-3)  # else one more would have been kept
 
 
 def test_the_first_of_those_that_crowd_stays() -> None:
     points = np.array([[0.0, 0, 0], [0.1, 0, 0], [5, 0, 0], [5.1, 0, 0], [0, 5, 0]])
-    kept = thin(points, np.tile([0.0, 0, 1], (5, 1)), 3, 27.0)
-    assert kept.tolist() == [0, 2, 4]
+    index = thin(points, np.tile([0.0, 0, 1], (5, 1)), 3, 27.0)
+    assert index.tolist() == [0, 2, 4]
 
 
 def test_two_sides_of_a_sheet_do_not_crowd_each_other() -> None:
     points, normals = square(600)
     both, facing = np.vstack([points, points]), np.vstack([normals, -normals])
-    kept = thin(both, facing, 100, 200.0)
-    assert np.array_equal(kept[kept < 600], kept[kept >= 600] - 600)
-    assert 92 <= len(kept) <= 104
+    index = thin(both, facing, 100, 200.0)
+    assert np.array_equal(index[index < 600], index[index >= 600] - 600)
+    assert 92 <= len(index) <= 104
 
 
 def test_few_candidates_are_all_kept() -> None:
@@ -51,14 +51,14 @@ def test_each_area_goes_to_the_nearest_kept_sample_on_its_side() -> None:
     rng = np.random.default_rng(2)
     points, _ = square(80)
     facing = np.where(rng.random((80, 1)) < 0.5, [[0.0, 0, 1]], [[0.0, 0, -1]])
-    area, kept = rng.uniform(0.5, 2, 80), np.arange(0, 80, 5)
-    known = np.zeros(len(kept))
+    area, index = rng.uniform(0.5, 2, 80), np.arange(0, 80, 5)
+    known = np.zeros(len(index))
     for point, normal, size in zip(points, facing, area, strict=True):
-        order = np.argsort(np.linalg.norm(points[kept] - point, axis=1))[:8]
-        mine = [at for at in order if facing[kept[at]] @ normal > 0] or [order[0]]
+        order = np.argsort(np.linalg.norm(points[index] - point, axis=1))[:8]
+        mine = [at for at in order if facing[index[at]] @ normal > 0] or [order[0]]
         known[mine[0]] += size
-    assert shares(points, facing, area, kept) == pytest.approx(known)
-    assert shares(points, facing, area, kept).sum() == pytest.approx(area.sum())
+    assert shares(points, facing, area, index) == pytest.approx(known)
+    assert shares(points, facing, area, index).sum() == pytest.approx(area.sum())
     alone = shares(points[:3], facing[:3], area[:3], np.array([1]))
     assert alone == pytest.approx([area[:3].sum()])
 
@@ -69,7 +69,7 @@ def test_thinning_keeps_what_asking_every_candidate_in_turn_keeps(seed: int) -> 
     points, normals = rng.uniform(0, 4, (300, 3)) * [1, 1, 0.05], np.zeros((300, 3))
     normals[np.arange(300), 2] = rng.choice([-1.0, 1.0], 300)
     area = 32.0
-    kept = thin(points, normals, 60, area)
+    index = thin(points, normals, 60, area)
 
     def greedy(radius: float) -> list[int]:
         left: list[int] = []
@@ -85,4 +85,4 @@ def test_thinning_keeps_what_asking_every_candidate_in_turn_keeps(seed: int) -> 
     for _ in range(12):
         radius = (low + high) / 2
         low, high = (radius, high) if len(greedy(radius)) > 60 else (low, radius)
-    assert kept.tolist() == greedy(radius)
+    assert index.tolist() == greedy(radius)

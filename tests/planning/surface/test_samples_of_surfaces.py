@@ -99,31 +99,31 @@ AREA = 2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_convex_is_wholly_outside(seed: int) -> None:
     points, faces = hull(seed)
-    found = sample(mesh((points, faces)))
+    cloud = sample(mesh((points, faces)))
     solid = ConvexHull(points)
-    assert found.area_m2 is not None and found.normals is not None
-    assert found.area_m2.sum() == pytest.approx(solid.area, rel=0.01)
-    assert len(found) == pytest.approx(SETTINGS.surface_samples, rel=0.2)
+    assert cloud.area_m2 is not None and cloud.normals is not None
+    assert cloud.area_m2.sum() == pytest.approx(solid.area, rel=0.01)
+    assert len(cloud) == pytest.approx(SETTINGS.surface_samples, rel=0.2)
     # Every sample lies on a facet of the hull, and its normal is the outward one of that facet.
-    height = found.points @ solid.equations[:, :3].T + solid.equations[:, 3]
+    height = cloud.points @ solid.equations[:, :3].T + solid.equations[:, 3]
     np.testing.assert_allclose(height.max(axis=1), 0, atol=1e-9)
-    facing = np.einsum("ij,ij->i", found.normals, solid.equations[height.argmax(axis=1), :3])
+    facing = np.einsum("ij,ij->i", cloud.normals, solid.equations[height.argmax(axis=1), :3])
     np.testing.assert_allclose(facing, 1, atol=1e-6)
 
 
 def test_each_face_of_a_box_has_its_area() -> None:
-    found = sample(mesh(box()))
+    cloud = sample(mesh(box()))
     for axis in range(3):
         for sign in (1, -1):
-            on = found.normals[:, axis] * sign > 0.9
-            assert found.area_m2[on].sum() == pytest.approx(np.delete(SIZE, axis).prod(), rel=0.02)
+            on = cloud.normals[:, axis] * sign > 0.9
+            assert cloud.area_m2[on].sum() == pytest.approx(np.delete(SIZE, axis).prod(), rel=0.02)
 
 
 def test_interiors_do_not_count() -> None:
     nested = mesh(box(), box(SIZE * 0.5, SIZE * 0.25), box(SIZE * 0.2, SIZE * 0.4))
-    found = sample(nested)
-    assert found.area_m2.sum() == pytest.approx(AREA, rel=0.03)
-    on_wall = (np.abs(found.points) < 1e-9) | (np.abs(found.points - SIZE) < 1e-9)
+    cloud = sample(nested)
+    assert cloud.area_m2.sum() == pytest.approx(AREA, rel=0.03)
+    on_wall = (np.abs(cloud.points) < 1e-9) | (np.abs(cloud.points - SIZE) < 1e-9)
     assert on_wall.any(axis=1).all()
 
 
@@ -131,47 +131,47 @@ def test_interiors_do_not_count() -> None:
 def test_copies_of_faces_count_once(flip: bool) -> None:
     points, faces = box()
     copies = faces[:6, ::-1] if flip else faces[:6]
-    found = sample(mesh((points, faces), (points, copies), (points, copies)))
-    assert found.area_m2.sum() == pytest.approx(AREA, rel=0.03)
-    apart = cKDTree(found.points).query(found.points, k=2)[0][:, 1]
-    assert np.percentile(apart, 5) > 0.45 * np.sqrt(AREA / len(found))
+    cloud = sample(mesh((points, faces), (points, copies), (points, copies)))
+    assert cloud.area_m2.sum() == pytest.approx(AREA, rel=0.03)
+    apart = cKDTree(cloud.points).query(cloud.points, k=2)[0][:, 1]
+    assert np.percentile(apart, 5) > 0.45 * np.sqrt(AREA / len(cloud))
 
 
 def test_winding_does_not_matter() -> None:
     points, faces = box()
     flipped = np.where((np.arange(12) % 3 == 0)[:, None], faces[:, ::-1], faces)
-    found = sample(mesh((points, flipped)))
-    outward = np.einsum("ij,ij->i", found.normals, found.points - SIZE / 2)
+    cloud = sample(mesh((points, flipped)))
+    outward = np.einsum("ij,ij->i", cloud.normals, cloud.points - SIZE / 2)
     assert (outward > 0).all()
-    assert found.area_m2.sum() == pytest.approx(AREA, rel=0.02)
+    assert cloud.area_m2.sum() == pytest.approx(AREA, rel=0.02)
 
 
 def test_sheet_has_two_sides() -> None:
     points = np.array([[0.0, 0, 0], [8, 0, 0], [8, 0, 5], [0, 0, 5]])
-    found = sample(mesh((points, [[0, 1, 2], [0, 2, 3]])))
-    assert found.area_m2.sum() == pytest.approx(80, rel=0.01)
-    assert found.area_m2[found.normals[:, 1] > 0.9].sum() == pytest.approx(40, rel=0.05)
+    cloud = sample(mesh((points, [[0, 1, 2], [0, 2, 3]])))
+    assert cloud.area_m2.sum() == pytest.approx(80, rel=0.01)
+    assert cloud.area_m2[cloud.normals[:, 1] > 0.9].sum() == pytest.approx(40, rel=0.05)
 
 
 def test_thin_plate_keeps_both_skins() -> None:
-    found = sample(mesh(box(np.array([20.0, 20.0, 0.05]))))
-    up, down = found.normals[:, 2] > 0.9, found.normals[:, 2] < -0.9
-    assert found.area_m2[up].sum() == pytest.approx(400, rel=0.03)
-    assert found.area_m2[down].sum() == pytest.approx(400, rel=0.03)
+    cloud = sample(mesh(box(np.array([20.0, 20.0, 0.05]))))
+    up, down = cloud.normals[:, 2] > 0.9, cloud.normals[:, 2] < -0.9
+    assert cloud.area_m2[up].sum() == pytest.approx(400, rel=0.03)
+    assert cloud.area_m2[down].sum() == pytest.approx(400, rel=0.03)
 
 
 def test_open_bottom_is_closed_by_the_floor() -> None:
     points, faces = box()
-    found = sample(mesh((points, faces[2:])))  # no bottom
-    assert found.area_m2.sum() == pytest.approx(AREA - SIZE[0] * SIZE[1], rel=0.03)
+    cloud = sample(mesh((points, faces[2:])))  # no bottom
+    assert cloud.area_m2.sum() == pytest.approx(AREA - SIZE[0] * SIZE[1], rel=0.03)
 
 
 def test_open_top_shows_its_inside() -> None:
     points, faces = box()
     shell = np.delete(faces, [2, 3], axis=0)
-    found = sample(mesh((points, shell)))
-    inside = np.einsum("ij,ij->i", found.normals, found.points - SIZE / 2) < 0
-    assert found.area_m2[inside].sum() == pytest.approx(AREA - SIZE[0] * SIZE[1], rel=0.05)
+    cloud = sample(mesh((points, shell)))
+    inside = np.einsum("ij,ij->i", cloud.normals, cloud.points - SIZE / 2) < 0
+    assert cloud.area_m2[inside].sum() == pytest.approx(AREA - SIZE[0] * SIZE[1], rel=0.05)
 
 
 @pytest.mark.parametrize("cut", [0.1, 0.3])
@@ -183,39 +183,39 @@ def test_what_was_never_scanned_does_not_show_the_inside_of_the_rest(cut: float,
     corners = points[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     drawn = mesh((points, faces[:, ::-1] if flip else faces))
-    whole, found = sample(drawn), sample(replace(drawn, surface="scanned"))
+    whole, cloud = sample(drawn), sample(replace(drawn, surface="scanned"))
     inward = np.einsum("ij,ij->i", whole.normals, whole.points * [0, 1, 1]) < 0
     assert inward.mean() > 0.06  # what was drawn is open as it is meant to be
-    outward = np.einsum("ij,ij->i", found.normals, found.points * [0, 1, 1])
+    outward = np.einsum("ij,ij->i", cloud.normals, cloud.points * [0, 1, 1])
     assert (outward > 0).mean() > 0.95
-    assert found.area_m2.sum() == pytest.approx(area.sum() / 2, rel=0.05)
+    assert cloud.area_m2.sum() == pytest.approx(area.sum() / 2, rel=0.05)
 
 
 def test_a_duct_that_touches_another_piece_shows_its_inside() -> None:
     points, faces = ball(2000)
     corners = points[faces].mean(axis=1)[:, 0]
     duct = points * [10.0, 1.0, 1.0], faces[np.abs(corners) < 0.8]
-    found = sample(mesh(duct, box(SIZE, np.array([-5.0, 0.95, -2.0]))))
-    mine = np.linalg.norm(found.points[:, 1:], axis=1) < 1.01
-    inward = np.einsum("ij,ij->i", found.normals, found.points * [0, 1, 1])[mine] < 0
+    cloud = sample(mesh(duct, box(SIZE, np.array([-5.0, 0.95, -2.0]))))
+    mine = np.linalg.norm(cloud.points[:, 1:], axis=1) < 1.01
+    inward = np.einsum("ij,ij->i", cloud.normals, cloud.points * [0, 1, 1])[mine] < 0
     assert inward.mean() > 0.1
 
 
 def test_a_plate_welded_to_a_shell_keeps_both_sides() -> None:
     points, faces = box()
     fin = np.array([[0.0, 0, 4], [10, 0, 4], [10, 0, 7], [0, 0, 7]])
-    found = sample(mesh((np.vstack([points, fin]), np.vstack([faces, [[8, 9, 10], [8, 10, 11]]]))))
-    above = found.points[:, 2] > 4.01
+    cloud = sample(mesh((np.vstack([points, fin]), np.vstack([faces, [[8, 9, 10], [8, 10, 11]]]))))
+    above = cloud.points[:, 2] > 4.01
     for sign in (1, -1):
-        assert found.area_m2[above & (sign * found.normals[:, 1] > 0.9)].sum() == pytest.approx(30, rel=0.06)
+        assert cloud.area_m2[above & (sign * cloud.normals[:, 1] > 0.9)].sum() == pytest.approx(30, rel=0.06)
 
 
 def test_samples_keep_apart() -> None:
-    found = sample(mesh(hull(4)))
-    apart = cKDTree(found.points).query(found.points, k=2)[0][:, 1]
-    even = np.sqrt(found.area_m2.sum() / len(found))
+    cloud = sample(mesh(hull(4)))
+    apart = cKDTree(cloud.points).query(cloud.points, k=2)[0][:, 1]
+    even = np.sqrt(cloud.area_m2.sum() / len(cloud))
     assert np.percentile(apart, 5) > 0.6 * even
-    assert found.area_m2.max() < 5 * found.area_m2.mean()
+    assert cloud.area_m2.max() < 5 * cloud.area_m2.mean()
 
 
 def test_deterministic_and_moved_with_the_structure() -> None:
@@ -228,26 +228,26 @@ def test_deterministic_and_moved_with_the_structure() -> None:
     assert moved.area_m2.sum() == pytest.approx(one.area_m2.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize("given", [True, False])
-def test_point_cloud_uses_its_points(given: bool) -> None:
+@pytest.mark.parametrize("with_normals", [True, False])
+def test_point_cloud_uses_its_points(with_normals: bool) -> None:
     turn = np.pi * (1 + np.sqrt(5)) * np.arange(6000)
     height = np.linspace(-1, 1, 6000)
     ring = np.sqrt(1 - height**2)
     unit = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
-    structure = Structure("s", "test", 5 * unit, np.empty((0, 3), np.int64), unit if given else None)
-    found = sample(structure)
-    assert len(found) == pytest.approx(SETTINGS.surface_samples, rel=0.03)
-    assert found.area_m2.sum() == pytest.approx(4 * np.pi * 25, rel=0.1)
-    assert np.einsum("ij,ij->i", found.normals, found.points / 5).min() > 0.95
+    structure = Structure("s", "test", 5 * unit, np.empty((0, 3), np.int64), unit if with_normals else None)
+    cloud = sample(structure)
+    assert len(cloud) == pytest.approx(SETTINGS.surface_samples, rel=0.03)
+    assert cloud.area_m2.sum() == pytest.approx(4 * np.pi * 25, rel=0.1)
+    assert np.einsum("ij,ij->i", cloud.normals, cloud.points / 5).min() > 0.95
 
 
 def test_thinning_gives_every_area_away() -> None:
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.random((3000, 2)) * 10, np.zeros(3000)])
     normals = np.tile([0.0, 0, 1], (3000, 1))
-    kept = thin(points, normals, 500, 100.0)
-    area = shares(points, normals, np.full(3000, 1 / 30), kept)
-    assert len(kept) == pytest.approx(500, abs=5)
+    index = thin(points, normals, 500, 100.0)
+    area = shares(points, normals, np.full(3000, 1 / 30), index)
+    assert len(index) == pytest.approx(500, abs=5)
     assert area.sum() == pytest.approx(100)
-    nearest = kept[np.linalg.norm(points[:, None, :] - points[None, kept, :], axis=2).argmin(axis=1)]
-    np.testing.assert_allclose(area, [np.count_nonzero(nearest == index) / 30 for index in kept])
+    nearest = index[np.linalg.norm(points[:, None, :] - points[None, index, :], axis=2).argmin(axis=1)]
+    np.testing.assert_allclose(area, [np.count_nonzero(nearest == index) / 30 for index in index])

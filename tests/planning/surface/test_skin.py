@@ -25,10 +25,10 @@ def sheet(
 
 def labels(points: Floats, normals: Floats) -> Ints:
     """Of a structure given as points with normals: every point is a fine sample and is asked."""
-    made = Structure("made", "box", points, np.empty((0, 3), np.int64), normals)
+    structure = Structure("made", "box", points, np.empty((0, 3), np.int64), normals)
     cloud = Cloud(points, np.array(normals), np.full(len(points), STEP**2))
     nothing = Scene(np.array([[0.0, 0, -99], [1, 0, -99], [0, 1, -99]]), np.array([[0, 1, 2]]), 1)
-    return skin_parts(made, nothing, cloud).label
+    return skin_parts(structure, nothing, cloud).label
 
 
 def alike(label: Ints, mine: Bools) -> float:

@@ -24,15 +24,15 @@ def test_each_voxel_gives_the_centroid_of_its_points():
         expected.setdefault(tuple(np.floor((point - points.min(axis=0)) / leaf).astype(int)), []).append(
             point
         )
-    found = voxel_filter(points, leaf)
+    actual = voxel_filter(points, leaf)
     means = np.array([np.mean(members, axis=0) for _, members in sorted(expected.items())])
-    np.testing.assert_allclose(found, means, atol=1e-12)
+    np.testing.assert_allclose(actual, means, atol=1e-12)
 
 
-@pytest.mark.parametrize("wanted", [300, 1000, 2000])
-def test_the_leaf_leaves_about_the_wanted_number(wanted):
-    cloud = voxel_cloud(box(), CloudSettings(voxel_points=wanted))
-    assert abs(len(cloud) - wanted) < 0.1 * wanted
+@pytest.mark.parametrize("number", [300, 1000, 2000])
+def test_the_leaf_leaves_about_the_wanted_number(number):
+    cloud = voxel_cloud(box(), CloudSettings(voxel_points=number))
+    assert abs(len(cloud) - number) < 0.1 * number
 
 
 def test_a_moved_structure_gives_the_moved_cloud():

@@ -29,12 +29,12 @@ def scene(seed: int) -> tuple[Moments, Views, Cloud]:
 @pytest.mark.parametrize("stretch", [None, np.diag([2.0, 1.0, 0.5])])
 def test_looks_are_counted_as_they_are_defined(seed: int, stretch: Floats | None) -> None:
     steps, shown, cloud = scene(seed)
-    found = sharp_looks(steps, shown, cloud, Camera(), SHARP, COSINE, stretch)
+    looks = sharp_looks(steps, shown, cloud, Camera(), SHARP, COSINE, stretch)
     assert cloud.normals is not None
     carry = np.eye(3) if stretch is None else stretch
     ways, counted = sphere(60), 0
     for index, (point, normal) in enumerate(zip(cloud.points, cloud.normals, strict=True)):
-        near, carried, frontal, held, moment, sides = np.inf, np.inf, -1.0, 0.0, 0.0, np.zeros(60, bool)
+        near, carried, frontal, dwell, moment, sides = np.inf, np.inf, -1.0, 0.0, 0.0, np.zeros(60, bool)
         for pose, at in enumerate(steps.poses.positions):
             station = int(np.abs(shown.stations.t_s - steps.poses.t_s[pose]).argmin())
             ray = point - at
@@ -47,26 +47,26 @@ def test_looks_are_counted_as_they_are_defined(seed: int, stretch: Floats | None
             counted += 1
             near, frontal = min(near, distance / cosine), max(frontal, cosine)
             carried = min(carried, np.linalg.norm(carry @ ray) / cosine)
-            held += steps.step_s[pose]
+            dwell += steps.step_s[pose]
             moment += steps.step_s[pose] * steps.poses.t_s[pose]
             sides[np.argmax(-ways @ carry @ ray)] = True
-        assert found.sampled_m[index] == pytest.approx(near)
-        assert found.carried_m[index] == pytest.approx(carried)
-        assert found.frontal[index] == pytest.approx(frontal)
-        assert found.held_s[index] == pytest.approx(held)
-        assert np.array_equal(found.sides[index], sides)
-        if held:
-            assert found.time_s[index] == pytest.approx(moment / held)
+        assert looks.sampled_m[index] == pytest.approx(near)
+        assert looks.carried_m[index] == pytest.approx(carried)
+        assert looks.frontal[index] == pytest.approx(frontal)
+        assert looks.held_s[index] == pytest.approx(dwell)
+        assert np.array_equal(looks.sides[index], sides)
+        if dwell:
+            assert looks.time_s[index] == pytest.approx(moment / dwell)
         else:
-            assert np.isnan(found.time_s[index])
+            assert np.isnan(looks.time_s[index])
     assert counted > 30
 
 
 def test_each_moment_has_its_nearest_station() -> None:
     steps, shown, _ = scene(0)
     times = shown.stations.t_s
-    found = stations_at(shown, steps)
-    assert np.abs(times[found] - steps.poses.t_s) == pytest.approx(
+    index = stations_at(shown, steps)
+    assert np.abs(times[index] - steps.poses.t_s) == pytest.approx(
         np.abs(times[:, None] - steps.poses.t_s).min(axis=0)
     )
     alone = Views(Trajectory(times[:1], np.zeros((1, 3)), np.zeros((1, 4))), shown.seen[:1])
@@ -74,10 +74,10 @@ def test_each_moment_has_its_nearest_station() -> None:
     two = Views(Trajectory(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 4))), shown.seen[:2])
     # Before the first and after the last; half-way the earlier one.
     at = np.array([-1.0, 0.2, 0.5, 0.7, 9.0])
-    asked = Moments(
+    moments = Moments(
         Trajectory(at, np.zeros((5, 3)), np.zeros((5, 4))), at, np.zeros((5, 3)), np.zeros((5, 3))
     )
-    assert stations_at(two, asked).tolist() == [0, 0, 0, 1, 1]
+    assert stations_at(two, moments).tolist() == [0, 0, 0, 1, 1]
 
 
 def test_directions_are_spread_evenly() -> None:

@@ -49,7 +49,7 @@ def test_limits_are_sines_and_cosines_of_half_the_angles() -> None:
 
 def brute(cloud: Cloud, at: Floats, quat: Floats, camera: Camera) -> list[bool]:
     """One point after another, by angles."""
-    found = []
+    inside = []
     assert cloud.normals is not None
     for point, normal in zip(cloud.points, cloud.normals, strict=True):
         x, y, z = Rotation.from_quat(quat).inv().apply(point - at)
@@ -58,8 +58,8 @@ def brute(cloud: Cloud, at: Floats, quat: Floats, camera: Camera) -> list[bool]:
         angles = np.degrees([np.arctan2(abs(y), x), np.arctan2(abs(z), along)])
         tilt = np.degrees(np.arccos((at - point) @ normal / distance))
         within = angles[0] <= camera.hfov_deg / 2 and angles[1] <= camera.vfov_deg / 2
-        found.append(bool(within and camera.min_range_m <= distance <= camera.max_range_m and tilt <= 75))
-    return found
+        inside.append(bool(within and camera.min_range_m <= distance <= camera.max_range_m and tilt <= 75))
+    return inside
 
 
 def asked_of(at: Floats, quats: Floats, cloud: Cloud, camera: Camera) -> Bools:
@@ -78,8 +78,8 @@ def test_in_view_is_what_angles_say(camera: Camera) -> None:
     cloud, rng = sphere_cloud(200, 3), np.random.default_rng(4)
     at = rng.normal(0, 9, (40, 3))
     quats = look_at(at, rng.normal(0, 3, (40, 3)))
-    wanted = np.array([brute(cloud, *pose, camera) for pose in zip(at, quats, strict=True)])
-    assert np.array_equal(asked_of(at, quats, cloud, camera), wanted) and 0.02 < wanted.mean() < 0.5
+    expected = np.array([brute(cloud, *pose, camera) for pose in zip(at, quats, strict=True)])
+    assert np.array_equal(asked_of(at, quats, cloud, camera), expected) and 0.02 < expected.mean() < 0.5
 
 
 def test_the_range_itself_and_points_beyond_it() -> None:

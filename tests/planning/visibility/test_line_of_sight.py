@@ -121,13 +121,13 @@ def test_a_wall_hides_and_the_incidence_limit_bites() -> None:
     wall, plate = box([5, -1, -1], [5.1, 1, 1]), box([-0.1, -3, -3], [0.0, 3, 3])
     free = Scene(*plate, 1)
     walled = Scene(np.vstack([plate[0], wall[0]]), np.vstack([plate[1], wall[1] + 8]), 1)
-    for degrees, wanted in ((0, True), (74.0, True), (76.0, False), (100.0, False)):
+    for degrees, expected in ((0, True), (74.0, True), (76.0, False), (100.0, False)):
         angle = np.radians(degrees)
         at = 12 * np.array([[np.cos(angle), np.sin(angle), 0.0]])
         quat = look_at(at, np.zeros((1, 3)))
-        assert visible(at, quat, cloud, Camera(), TRUE, free).seen[0, 0] == wanted
+        assert visible(at, quat, cloud, Camera(), TRUE, free).seen[0, 0] == expected
         hidden = degrees == 0
-        assert visible(at, quat, cloud, Camera(), TRUE, walled).seen[0, 0] == (wanted and not hidden)
+        assert visible(at, quat, cloud, Camera(), TRUE, walled).seen[0, 0] == (expected and not hidden)
 
 
 def test_both_sides_of_a_thin_plate_stay_apart() -> None:
@@ -137,9 +137,9 @@ def test_both_sides_of_a_thin_plate_stay_apart() -> None:
         np.array([[-3.0, -3, 0], [3, -3, 0], [3, 3, 0], [-3, 3, 0]]), np.array([[0, 1, 2], [0, 2, 3]]), 1
     )
     above, below = np.array([[0.0, 0, 10]]), np.array([[0.0, 0, -10]])
-    for at, wanted in ((above, [True, False]), (below, [False, True])):
+    for at, expected in ((above, [True, False]), (below, [False, True])):
         seen = visible(at, look_at(at, np.zeros((1, 3))), cloud, Camera(), TRUE, sheet).seen[0]
-        assert np.array_equal(seen, np.repeat(wanted, 9))
+        assert np.array_equal(seen, np.repeat(expected, 9))
 
 
 def test_true_visibility_is_what_single_rays_say() -> None:
@@ -155,15 +155,15 @@ def test_true_visibility_is_what_single_rays_say() -> None:
     seen = visible(positions, quats, cloud, Camera(), TRUE, scene).seen
     normals = cloud.normals
     assert normals is not None
-    wanted = brute_frustum(positions, quats, cloud.points, Camera())
-    for pose, index in zip(*np.nonzero(wanted), strict=True):
+    expected = brute_frustum(positions, quats, cloud.points, Camera())
+    for pose, index in zip(*np.nonzero(expected), strict=True):
         back = positions[pose] - cloud.points[index]
         steep = back @ normals[index] >= np.cos(np.radians(75)) * np.linalg.norm(back)
-        wanted[pose, index] = steep and not _blocked(
+        expected[pose, index] = steep and not _blocked(
             positions[pose], cloud.points[index], vertices, triangles
         )
-    assert 0.02 < wanted.mean() < 0.9
-    assert (seen != wanted).mean() < 2e-3
+    assert 0.02 < expected.mean() < 0.9
+    assert (seen != expected).mean() < 2e-3
 
 
 def _blocked(start: Floats, end: Floats, vertices: Floats, triangles: Floats) -> bool:
@@ -213,8 +213,8 @@ def test_a_cloud_of_discs_sees_nearly_what_its_mesh_sees() -> None:
     )
     back = at - points
     cosine = np.einsum("ij,ij->i", back, normals) / np.linalg.norm(back, axis=1)
-    wanted = cosine >= np.cos(np.radians(75))  # a convex tube hides nothing else
-    assert (seen.seen[0] != wanted).mean() < 0.02
+    expected = cosine >= np.cos(np.radians(75))  # a convex tube hides nothing else
+    assert (seen.seen[0] != expected).mean() < 0.02
 
 
 @pytest.mark.parametrize(
@@ -242,9 +242,9 @@ def test_what_any_pose_sees_is_what_all_of_them_see(grain_m: float) -> None:
     scene = Scene(vertices, triangles, 1, grain_m=grain_m)
     positions = rng.uniform(-12, 12, (12, 3))
     quats = look_at(positions, rng.uniform(-3, 3, (12, 3)))
-    asked = positions, quats, cloud, Camera(50, 40, 0.5, 40), TRUE, scene
-    every = visible(*asked).seen
-    few = visibility.seen_by_any(*asked)
+    arguments = positions, quats, cloud, Camera(50, 40, 0.5, 40), TRUE, scene
+    every = visible(*arguments).seen
+    few = visibility.seen_by_any(*arguments)
     assert 0.2 < few.mean() < 0.95 and (every.sum(axis=0) == 1).any()
     assert few.tolist() == every.any(axis=0).tolist()
     rng = np.random.default_rng(4)
@@ -255,7 +255,7 @@ def test_what_any_pose_sees_is_what_all_of_them_see(grain_m: float) -> None:
     cosine = (ray * cloud.outward).sum(axis=2) / away
     near = (away * coarse[:, None] <= farthest_m * cosine) & (cosine >= least)
     closeness = Closeness(farthest_m, least, coarse)
-    assert np.array_equal(visible(*asked, closeness=closeness).seen, every & near)
+    assert np.array_equal(visible(*arguments, closeness=closeness).seen, every & near)
     assert (every & near).any(axis=0).mean() < 0.8 * few.mean()
-    nearest = visibility.seen_by_any(*asked, closeness=closeness)
+    nearest = visibility.seen_by_any(*arguments, closeness=closeness)
     assert nearest.tolist() == (every & near).any(axis=0).tolist() and nearest.any()

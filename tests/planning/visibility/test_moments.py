@@ -25,18 +25,18 @@ def turning(t_s: Floats) -> Trajectory:
 @pytest.mark.parametrize(("lasts", "steps"), [(4.0, 8), (4.2, 8), (4.3, 9), (0.3, 1), (0.2, 1)])
 def test_steps_are_even_and_about_half_a_second(lasts: float, steps: int) -> None:
     flight = turning(np.linspace(2.0, 2.0 + lasts, 40))
-    found = moments(flight)
-    assert len(found) == steps and found.step_s == pytest.approx(np.full(steps, lasts / steps))
+    actual = moments(flight)
+    assert len(actual) == steps and actual.step_s == pytest.approx(np.full(steps, lasts / steps))
     middle = 2.0 + (np.arange(steps) + 0.5) * lasts / steps
-    assert found.poses.t_s == pytest.approx(middle)
-    assert found.poses.positions == pytest.approx(middle[:, None] * SPEED + [5, 6, 7])
-    turned = Rotation.from_quat(found.poses.quat_xyzw) * about_z(-TURN * middle)
+    assert actual.poses.t_s == pytest.approx(middle)
+    assert actual.poses.positions == pytest.approx(middle[:, None] * SPEED + [5, 6, 7])
+    turned = Rotation.from_quat(actual.poses.quat_xyzw) * about_z(-TURN * middle)
     assert turned.magnitude() == pytest.approx(np.zeros(steps), abs=1e-9)
     if steps > 1:
-        assert found.velocity == pytest.approx(np.tile(SPEED, (steps, 1)))
-        assert found.turn == pytest.approx(np.tile([0, 0, TURN], (steps, 1)), abs=1e-9)
+        assert actual.velocity == pytest.approx(np.tile(SPEED, (steps, 1)))
+        assert actual.turn == pytest.approx(np.tile([0, 0, TURN], (steps, 1)), abs=1e-9)
     else:
-        assert not found.velocity.any() and not found.turn.any()
+        assert not actual.velocity.any() and not actual.turn.any()
 
 
 def test_a_step_is_the_mean_of_ten_poses_within_it() -> None:
@@ -48,19 +48,19 @@ def test_a_step_is_the_mean_of_ten_poses_within_it() -> None:
 
 def test_signs_of_quaternions_do_not_cancel_out() -> None:
     t_s = np.linspace(0, 30, 400)  # turns by more than a whole circle
-    found = moments(turning(t_s))
-    turned = Rotation.from_quat(found.poses.quat_xyzw) * about_z(-TURN * found.poses.t_s)
+    actual = moments(turning(t_s))
+    turned = Rotation.from_quat(actual.poses.quat_xyzw) * about_z(-TURN * actual.poses.t_s)
     assert turned.magnitude().max() < 1e-6
 
 
 def test_no_step_crosses_a_gap() -> None:
     t_s = np.concatenate([np.linspace(0, 2, 11), [60.0], np.linspace(100, 101, 6)])
-    found = moments(turning(t_s), np.array([12, 11, 0, 18, 40]))
-    assert found.step_s == pytest.approx([0.5] * 4 + [0.0] + [0.5] * 2)
-    assert found.poses.t_s == pytest.approx([0.25, 0.75, 1.25, 1.75, 60, 100.25, 100.75])
-    assert not found.velocity[4].any() and found.velocity[5] == pytest.approx(SPEED)
+    actual = moments(turning(t_s), np.array([12, 11, 0, 18, 40]))
+    assert actual.step_s == pytest.approx([0.5] * 4 + [0.0] + [0.5] * 2)
+    assert actual.poses.t_s == pytest.approx([0.25, 0.75, 1.25, 1.75, 60, 100.25, 100.75])
+    assert not actual.velocity[4].any() and actual.velocity[5] == pytest.approx(SPEED)
     alone = moments(turning(t_s), np.array([12, 12, 11]))
-    assert np.array_equal(alone.poses.t_s, found.poses.t_s)
+    assert np.array_equal(alone.poses.t_s, actual.poses.t_s)
     assert len(moments(turning(t_s[:11]), np.empty(0, np.int64))) == 4
 
 

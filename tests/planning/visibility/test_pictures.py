@@ -50,7 +50,7 @@ def scene(seed: int = 0, count: int = 400):
 
 def test_what_a_pixel_covers_is_what_rays_through_the_middle_pixel_cut_out() -> None:
     cloud, positions, quats, seen, at = scene()
-    found = looked(cloud, positions, quats, seen).sampled_m / FOCAL
+    cover = looked(cloud, positions, quats, seen).sampled_m / FOCAL
     ray = cloud.points - positions[at]
     distance = np.linalg.norm(ray, axis=1)
     ray /= distance[:, None]
@@ -61,17 +61,17 @@ def test_what_a_pixel_covers_is_what_rays_through_the_middle_pixel_cut_out() -> 
     facing = (turned * cloud.outward).sum(axis=1)
     away = ((cloud.points - positions[at]) * cloud.outward).sum(axis=1) / facing
     cut = np.linalg.norm(away[:, None] * turned - distance[:, None] * ray, axis=1) / 1e-6 / FOCAL
-    assert np.abs(found / cut - 1).max() < 1e-3
-    assert (distance / FOCAL / found).min() < 0.4  # without the incidence it is not the same
+    assert np.abs(cover / cut - 1).max() < 1e-3
+    assert (distance / FOCAL / cover).min() < 0.4  # without the incidence it is not the same
 
 
 def test_in_the_middle_it_is_distance_times_angle_over_the_cosine_of_the_incidence() -> None:
     tilt = np.radians([0.0, 30.0, 60.0])
     normals = np.column_stack([-np.cos(tilt), np.sin(tilt), 0 * tilt])
     cloud = Cloud(np.tile([8.0, 0, 0], (3, 1)), normals)
-    found = looked(cloud, np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), np.ones((1, 3), bool))
-    assert found.sampled_m == pytest.approx(8.0 / np.cos(tilt))
-    assert found.frontal == pytest.approx(np.cos(tilt)) and found.depth_m == pytest.approx(8.0)
+    looks = looked(cloud, np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), np.ones((1, 3), bool))
+    assert looks.sampled_m == pytest.approx(8.0 / np.cos(tilt))
+    assert looks.frontal == pytest.approx(np.cos(tilt)) and looks.depth_m == pytest.approx(8.0)
 
 
 def test_the_finest_of_several_looks_counts_and_those_fine_enough_are_numbered() -> None:
@@ -79,9 +79,9 @@ def test_the_finest_of_several_looks_counts_and_those_fine_enough_are_numbered()
     quats = np.tile([0.0, 0, 0, 1], (3, 1))
     cloud = Cloud(np.array([[10.0, 0, 0], [10.0, 1, 0]]), np.array([[-1.0, 0, 0], [-1.0, 0, 0]]))
     seen = np.array([[True, True], [True, True], [False, True]])
-    found = looked(cloud, positions, quats, seen, coarsest_m=np.array([7.0, 100.0]))
+    looks = looked(cloud, positions, quats, seen, coarsest_m=np.array([7.0, 100.0]))
     oblique = (4.0**2 + 1) / 4.0  # distance over the cosine of the incidence
-    assert found.sampled_m == pytest.approx([6.0, oblique]) and found.number.tolist() == [1, 3]
+    assert looks.sampled_m == pytest.approx([6.0, oblique]) and looks.number.tolist() == [1, 3]
     none = looked(cloud, positions, quats, seen, least_cosine=0.99, coarsest_m=np.array([1.0, 1.0]))
     assert none.number.tolist() == [0, 0] and none.sampled_m[1] == pytest.approx(
         10.1
@@ -94,7 +94,7 @@ def test_blur_is_how_far_the_picture_moves_in_an_exposure() -> None:
     cloud, positions, quats, seen, at = scene(3)
     rng = np.random.default_rng(4)
     velocity, turn = rng.normal(size=(6, 3)) * 2, rng.normal(size=(6, 3)) * 0.3
-    found = looked(cloud, positions, quats, seen, velocity=velocity, turn=turn).moved
+    blur = looked(cloud, positions, quats, seen, velocity=velocity, turn=turn).moved
     step = 1e-6
 
     def pixel(k: int, point: Floats, time: float) -> Floats:
@@ -106,7 +106,7 @@ def test_blur_is_how_far_the_picture_moves_in_an_exposure() -> None:
         np.linalg.norm(pixel(k, p, step) - pixel(k, p, -step)) / (2 * step)
         for k, p in zip(at, cloud.points, strict=True)
     ]
-    assert np.abs(found / np.array(moved) - 1).max() < 1e-3
+    assert np.abs(blur / np.array(moved) - 1).max() < 1e-3
 
 
 def test_defocus_is_that_of_a_thin_lens_focused_on_the_middle_depth() -> None:
@@ -114,8 +114,8 @@ def test_defocus_is_that_of_a_thin_lens_focused_on_the_middle_depth() -> None:
     depth = np.array([4.0, 5.0, 8.0])
     cloud = Cloud(np.column_stack([depth, 0 * depth, 0 * depth]), np.tile([-1.0, 0, 0], (3, 1)))
     at = np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), np.ones((1, 3), bool)
-    found = looked(cloud, *at, camera=lens)
+    looks = looked(cloud, *at, camera=lens)
     circle = 0.02**2 / 2.0 * np.abs(depth - 5.0) / (depth * (5.0 - 0.02))  # m on the sensor
     pixel = 2 * 0.02 * np.tan(np.radians(30)) / 4000
-    assert found.defocus * focal_px(4000, 60.0) == pytest.approx(circle / pixel)
+    assert looks.defocus * focal_px(4000, 60.0) == pytest.approx(circle / pixel)
     assert not looked(cloud, *at).defocus.any()  # what is not known of a lens blurs nothing

@@ -10,7 +10,7 @@ from upplied.planning.visibility.observations import Views, rates
 from upplied.records import Bools, Cloud, Floats, Trajectory
 
 
-def made(seed: int) -> tuple[Floats, Floats, Floats, Bools]:
+def samples(seed: int) -> tuple[Floats, Floats, Floats, Bools]:
     rng = np.random.default_rng(seed)
     normals = rng.normal(size=(12, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -25,7 +25,7 @@ def seen_from(at: Floats, seen: Bools, coarse: Floats | None = None) -> Views:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_nearest_and_the_most_frontal_view_of_each_point(seed: int) -> None:
-    at, points, normals, seen = made(seed)
+    at, points, normals, seen = samples(seed)
     seen[:, 0] = False
     coarse = np.random.default_rng(seed + 20).uniform(1, 4, 9)
     ray = at[:, None] - points
@@ -44,7 +44,7 @@ def test_the_nearest_and_the_most_frontal_view_of_each_point(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_shown_well_is_near_frontal_and_sharp_at_once(seed: int) -> None:
-    at, points, normals, seen = made(seed)
+    at, points, normals, seen = samples(seed)
     rng = np.random.default_rng(seed + 10)
     views = seen_from(at, seen, rng.choice([1.0, 1.3], 9))
     (velocity, turn), coarse = rates(views.stations), views.coarseness

@@ -159,7 +159,7 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
     return pa.table(columns, schema=table.schema)
 
 
-def says_same(table: Table, stored: Row, given: Row) -> bool:
+def says_same(table: Table, stored: Row, other: Row) -> bool:
     """Whether a row says the same as a stored one, apart from when and by which commit it was added."""
-    left, right = (table_of(table, [row]).drop_columns(list(ADDED)) for row in (stored, given))
+    left, right = (table_of(table, [row]).drop_columns(list(ADDED)) for row in (stored, other))
     return bool(left.equals(right))

@@ -103,8 +103,8 @@ class StoredTable(OpenTable):
     def _selected(self, rows: pa.Table | None, columns: Columns) -> pa.Table:
         """Some columns of rows of any schema in the declared types, or of None all; of None, no rows."""
         names, declared = columns or self.declared.names, self.declared.schema
-        wanted = pa.schema([declared.field(name) for name in needed(self.declared, names)])
-        known = wanted.empty_table() if rows is None else upgraded(self.declared, in_schema(rows, wanted))
+        schema = pa.schema([declared.field(name) for name in needed(self.declared, names)])
+        known = schema.empty_table() if rows is None else upgraded(self.declared, in_schema(rows, schema))
         known = known.select(names)
         if rows is not None and columns is None:
             for field in (one for one in rows.schema if one.name not in names):
@@ -219,7 +219,7 @@ class StepTable(StoredTable):
 
     def keep(self, rows: pa.Table, moment: datetime) -> str:
         """Keep the steps of one commit, in order; returns its name when they are there to stay."""
-        self._identity.made()
+        self._identity.name()
         sink = BytesIO()
         pq.write_table(rows.drop_columns("commit_id"), sink, row_group_size=_ROW_GROUP, compression="zstd")
         content = sink.getvalue()
@@ -232,12 +232,12 @@ class StepTable(StoredTable):
         """The steps of all commits, or of some; None where there are none."""
         if version is not None:
             return super().dataset(version)
-        wanted = [check_id(commit, "commit id") + _SUFFIX for commit in commits or ()]
-        if commits is None or len(wanted) > _FEW:
+        paths = [check_id(commit, "commit id") + _SUFFIX for commit in commits or ()]
+        if commits is None or len(paths) > _FEW:
             names = {*explained(self.files.root, self.files.names)}
-            names &= names if commits is None else {*wanted}
+            names &= names if commits is None else {*paths}
         else:
-            names = {one for one in wanted if explained(self.files.path(one), partial(self.files.has, one))}
+            names = {one for one in paths if explained(self.files.path(one), partial(self.files.has, one))}
         parquet, filesystem, own = ds.ParquetFileFormat(), self.files.filesystem(), pc.field("commit_id")
         parts = [  # which commit each is of spares opening the others
             parquet.make_fragment(name, filesystem, own == name.removesuffix(_SUFFIX))

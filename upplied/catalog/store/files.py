@@ -101,9 +101,9 @@ class FileStore:
         # Pyarrow always replaces what is there; delta-rs puts the first entry of a log where there is none.
         uri = self.path(name + _FIRST)
         try:
-            schema, given = pa.schema([("content", pa.string())]), {_CONTENT: content.decode()}
+            schema, setting = pa.schema([("content", pa.string())]), {_CONTENT: content.decode()}
             with contextlib.suppress(CommitFailedError):
-                DeltaTable.create(uri, schema, "ignore", configuration=given, raise_if_key_not_exists=False)
+                DeltaTable.create(uri, schema, "ignore", configuration=setting, raise_if_key_not_exists=False)
             return str(DeltaTable(uri).metadata().configuration[_CONTENT]).encode()
         except DeltaError as error:
             raise OSError(str(error)) from None
@@ -212,8 +212,8 @@ def locked(folder: Path) -> Iterator[None]:
     except OSError as error:
         remedy = "free space or rights; what was there still is"
         raise CatalogError(str(folder), f"cannot be written: {error}", "", remedy) from None
-    with _waited(PATIENCE_S, folder / ".lock") as held:
-        if not held:
+    with _waited(PATIENCE_S, folder / ".lock") as lock:
+        if not lock:
             raise CatalogError(str(folder), "somebody else has been publishing there for long")
         yield
 

@@ -63,7 +63,7 @@ class Identity:
             raise CatalogError(self.files.root, "is no catalog", rule, remedy)
         return name
 
-    def made(self) -> str:
+    def name(self) -> str:
         """The name of the catalog, which is drawn now where there is none."""
         if not self.id:
             about = {"format": _FORMAT, "id": uuid.uuid4().hex, "made_at": datetime.now(UTC).isoformat()}
@@ -197,10 +197,10 @@ class OpenTable:
             with self._lock:
                 if (delta := self._refreshed()) is None:
                     return None
-                done = act(delta)
+                result = act(delta)
                 delta.update_incremental()
                 self._heads.note(delta.version(), self._unstated(delta.version()))
-                return done
+                return result
 
         return self._insist(once)
 
@@ -218,7 +218,7 @@ class OpenTable:
 
     def _ready(self) -> None:
         """Make the table where there is none, and add the columns that an older program lacked."""
-        self._identity.made()
+        self._identity.name()
         with self._lock:
             if (delta := self._refreshed()) is None:
                 if self._files.local:

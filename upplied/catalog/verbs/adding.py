@@ -93,11 +93,11 @@ class Adding(Reading):
         self.transfer(row["transfer_id"], ("transfer_id",))  # one that nobody planned is an error
         return self.add_rows("flights", [{**row, "flight_sha256": self.contents["flown"].put(path)}])
 
-    def add_overruled(self, given: Sequence[Mapping[str, Any]]) -> int:
+    def add_overruled(self, overruled: Sequence[Mapping[str, Any]]) -> int:
         """Keep which rules of the gate a person overruled, as rows without id and commit, unless known."""
-        for row in given:
+        for row in overruled:
             self.transfer(row["transfer_id"], ("transfer_id",))
-        known, rules = set(self.overruled()["overruled_id"]), {digest(dict(row)): row for row in given}
+        known, rules = set(self.overruled()["overruled_id"]), {digest(dict(row)): row for row in overruled}
         new = [{**row, "overruled_id": key} for key, row in rules.items() if key not in known]
         return self.add_rows("overruled", new)
 
@@ -158,12 +158,12 @@ class Adding(Reading):
         A key is settled when its plan is the current one of its demonstration, target and preset. With
         `retry_failed` failures are not settled, but for those of the run `run_id`.
         """
-        ids = ordering.ids_of(wanted := list(dict.fromkeys(keys)))
+        ids = ordering.ids_of(names := list(dict.fromkeys(keys)))
         plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, run_id, ["reason"])
         once: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
         columns = (plans[name].to_pylist() for name in ("status", "reason"))
         outcomes = [once.setdefault(outcome, outcome) for outcome in zip(*columns, strict=True)]
-        places = zip(wanted, pc.index_in(ids, plans["transfer_id"].combine_chunks()).to_pylist(), strict=True)
+        places = zip(names, pc.index_in(ids, plans["transfer_id"].combine_chunks()).to_pylist(), strict=True)
         return {key: outcomes[at] for key, at in places if at is not None}
 
     def unsettled(self, keys: pa.Array, *, retry_failed: bool = False) -> Bools:
@@ -201,10 +201,10 @@ def _repeated(table: StoredTable, stored: Sequence[Row], changes: Mapping[str, A
     if not stored:
         return table.declared.schema.empty_table()
     key = table.declared.names[0]
-    wanted = {(row[key], row["commit_id"], row["commit_version"]) for row in stored}
+    keys = {(row[key], row["commit_id"], row["commit_version"]) for row in stored}
     whole = table.whole(pc.field(key).isin([row[key] for row in stored]))
     newer = {(row[key], row["commit_id"], row["commit_version"]): row for row in whole.to_pylist()}
-    again = [{**row, **changes} for name, row in newer.items() if name in wanted]
+    again = [{**row, **changes} for name, row in newer.items() if name in keys]
     return pa.Table.from_pylist(again, whole.schema)
 
 

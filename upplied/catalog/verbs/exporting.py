@@ -79,9 +79,9 @@ def export_dataset(
         raise CatalogError(what, "are not in the catalog", "at least one that is")
     plans = every[every["transfer_id"].isin(names)]
     demonstrations = _only(catalog.demonstrations(every=True), "demonstration_id", plans["demonstration_id"])
-    wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
-    wanted |= {*plans["parts_told_by"].dropna()} - {""}
-    structures = _only(catalog.structures(every=True), "structure_id", wanted)
+    needed = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
+    needed |= {*plans["parts_told_by"].dropna()} - {""}
+    structures = _only(catalog.structures(every=True), "structure_id", needed)
     frames = {"structures": structures, "demonstrations": demonstrations, "transfers": plans}
     tables: dict[str, Iterable[pa.Table]] = {
         name: [pa.Table.from_pandas(rows, TABLES[name].schema, preserve_index=False)]

@@ -134,8 +134,8 @@ def _remove_drafts(root: Path, before: datetime) -> int:
 def merge(table: StoredTable, size_bytes: int) -> int:
     """Merge files of less than half of some size into ones of about that size; how many were merged."""
     merged = 0
-    while done := table.change(lambda delta: _merged(table, delta, _oldest_small(table, delta, size_bytes))):
-        merged += done
+    while count := table.change(lambda delta: _merged(table, delta, _oldest_small(table, delta, size_bytes))):
+        merged += count
     return merged
 
 
@@ -178,16 +178,16 @@ def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
 
 def _oldest_small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[File]:
     """The oldest files less than half of some size, or of what is decoded at once, that together make it."""
-    files, chosen, held = _files(delta), list[File](), 0.0
+    files, chosen, fill = _files(delta), list[File](), 0.0
     row_bytes = _row_bytes(table, delta, files)
     for file in files:
         share = max(file["size_bytes"] / size_bytes, (file["num_records"] or 0) * row_bytes / DECODED_BYTES)
         if share >= 0.5:
             continue
-        if len(chosen) > 1 and held + share > 1:
+        if len(chosen) > 1 and fill + share > 1:
             break
         chosen.append(file)
-        held += share
+        fill += share
     return chosen
 
 

@@ -107,11 +107,11 @@ def settled_plans(
     ours = ["run_id"] if retry_failed and run_id else []
     plans = in_order(table.narrow([*ORDERED, "imported_from", *ours, *more], where), newest=True)
     foreign = pc.ends_with(plans["imported_from"].cast(pa.string()), plan_rows.AS_IT_SAYS)
-    held = pc.and_(pc.is_in(plans["transfer_id"], ids), pc.invert(foreign))
+    mask = pc.and_(pc.is_in(plans["transfer_id"], ids), pc.invert(foreign))
     if retry_failed:
-        done = pc.not_equal(plans["status"], "failed")
-        held = pc.and_(held, pc.or_(done, pc.equal(plans["run_id"], run_id)) if ours else done)
-    return plans.filter(held)
+        ended = pc.not_equal(plans["status"], "failed")
+        mask = pc.and_(mask, pc.or_(ended, pc.equal(plans["run_id"], run_id)) if ours else ended)
+    return plans.filter(mask)
 
 
 def in_order(table: pa.Table, newest: bool) -> pa.Table:

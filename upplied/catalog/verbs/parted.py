@@ -87,12 +87,12 @@ def _changed_plans(catalog: Catalog, was: Before, now: Generation) -> Named | No
     old = queries.frame(pa.concat_tables([none.select(list(new)), *parts]))
     gone = old["target_id"].isin(targets)
     for name, weights in before.weights.items():
-        held = Counter(weights)
-        held.subtract(_weights(name, old[gone]))
-        held.update(_weights(name, new))
-        if any(_count(name, weight) != counts.get((name, kind), 1) for kind, weight in held.items()):
+        sums = Counter(weights)
+        sums.subtract(_weights(name, old[gone]))
+        sums.update(_weights(name, new))
+        if any(_count(name, weight) != counts.get((name, kind), 1) for kind, weight in sums.items()):
             return None
-        now.weights[name] = dict(held)
+        now.weights[name] = dict(sums)
     both = [rows for rows in (old[~gone], new) if len(rows)] or [new]
     return pd.concat(both).sort_values(PAIR, ignore_index=True), places.keys() - changed
 
@@ -147,9 +147,9 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weights: Weights) 
         number, targets = pd.factorize(rows["target_id"].iloc[at])
         bucket = np.array([zlib.crc32(target.encode()) % count for target in targets.tolist()])[number]
         order = np.argsort(bucket, kind="stable")
-        held, bucket = texts.take(pa.array(at[order])).to_pylist(), bucket[order]
+        lines, bucket = texts.take(pa.array(at[order])).to_pylist(), bucket[order]
         for first, end in pairwise([0, *(np.flatnonzero(np.diff(bucket)) + 1), len(order)]):
-            sha256 = hashlib.sha256("\n".join([made_of, *held[first:end]]).encode()).hexdigest()
+            sha256 = hashlib.sha256("\n".join([made_of, *lines[first:end]]).encode()).hexdigest()
             file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
             files[file] = rows.iloc[at[order[first:end]]]
     return files if any(weights.values()) else {f"{name}.parquet/none-{made_of[:16]}.parquet": rows[:0]}
@@ -209,7 +209,7 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
 
 
 def _lots(files: Files, weights: Iterable[float], most: int) -> Iterator[list[str]]:
-    numbered = zip((held // most for held in accumulate(weights)), files, strict=True)
+    numbered = zip((total // most for total in accumulate(weights)), files, strict=True)
     for _, lot in groupby(numbered, itemgetter(0)):
         yield [file for _, file in lot]
 

@@ -85,17 +85,17 @@ def matching(equal: Equal, among: Mapping[str, Iterable[str] | None] | None = No
 
 
 def completed(
-    table: StoredTable, plans: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
+    table: StoredTable, plans: pd.DataFrame, columns: list[str], of: int, version: int | None = None
 ) -> pa.Table:
-    """The `wanted` columns of these rows (with `NAMED`), in their order, of a version that has `of` rows."""
+    """The `columns` columns of these rows (with `NAMED`), in their order, of a version that has `of` rows."""
     where = None
     if len(plans) < max(_FEW * of, _FEW_ROWS):
         where = pc.field("transfer_id").isin(pa.array(plans["transfer_id"].tolist(), pa.string()))
         oldest = plans["commit_version"].min() if len(plans) else -1
         if oldest >= 0:  # which spares files; of rows of schema version 1 it is null
             where &= pc.field("commit_version") >= int(oldest)
-    more = table.narrow(list(dict.fromkeys([*NAMED, *wanted])), where, version)
-    return more.select(wanted).take(pc.index_in(named(plans, NAMED), named(more, NAMED)))
+    more = table.narrow(list(dict.fromkeys([*NAMED, *columns])), where, version)
+    return more.select(columns).take(pc.index_in(named(plans, NAMED), named(more, NAMED)))
 
 
 def named(rows: pa.Table | pd.DataFrame, names: Sequence[str]) -> pa.Array:

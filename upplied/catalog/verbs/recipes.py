@@ -43,8 +43,8 @@ class Recipe:
             "status", "reason", "n_viewpoints", "n_waypoints", "waypoints_sha256", "registration_json",
             "counterpart_summary", "parts_told_by", "warnings", *same_named(Measures, "transfers"),
         ]  # fmt: skip
-        stored, given = table_of(TABLES["transfers"], [self.row, again]).to_pylist()
-        return [name for name in names if stored[name] != given[name]]
+        stored, other = table_of(TABLES["transfers"], [self.row, again]).to_pylist()
+        return [name for name in names if stored[name] != other[name]]
 
 
 def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
@@ -58,8 +58,8 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
     row = catalog.transfer(transfer_id)
     flown = _version(catalog, "demonstrations", row["demonstration_id"], row["demonstration_sha256"])
     named = [(row[f"{role}_id"], row[f"{role}_sha256"]) for role in ("source", "target")]
-    labeller, given = row["parts_told_by"], siblings_of(row)
-    named += [one for one in given if one[0] == labeller or _versions(catalog, "structures", *one)]
+    labeller, versions = row["parts_told_by"], siblings_of(row)
+    named += [one for one in versions if one[0] == labeller or _versions(catalog, "structures", *one)]
     source, target, *siblings = (catalog.structure_of(_version(catalog, "structures", *one)) for one in named)
     settings = settings_of(row["settings_json"])
     return Recipe(row, catalog.demonstration_of(flown), source, target, settings, tuple(siblings))

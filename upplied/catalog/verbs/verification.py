@@ -75,10 +75,10 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     if short := [head for head in heads if len(head) < _LEAST_DIGITS]:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
     findings = list(_readable(custody.changed_files(catalog)))
-    held, unreadable, of_rows = dict[str, pa.Table](), list[Finding](), list[Finding]()
+    whole, unreadable, of_rows = dict[str, pa.Table](), list[Finding](), list[Finding]()
     for name in [table for table in TABLES if table not in STEPS]:
         try:
-            held[name], of_table = _every_row(catalog.tables[name], _held_columns(name))
+            whole[name], of_table = _every_row(catalog.tables[name], _held_columns(name))
             of_rows += of_table
         except CatalogError as error:
             unreadable.append(_unreadable(error))
@@ -86,10 +86,10 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
         return [*findings, *unreadable]
     findings += [*of_rows, *_lost_heads(catalog, heads), *_readable(_not_as_released(catalog))]
     contents = {name: custody.stored_contents(store) for name, store in catalog.contents.items()}
-    findings += [*_references(held), *_meshes(held, contents), *_contents(catalog, held, contents)]
-    findings += _settings(held["transfers"].select(["transfer_id", *_SETTINGS]))
+    findings += [*_references(whole), *_meshes(whole, contents), *_contents(catalog, whole, contents)]
+    findings += _settings(whole["transfers"].select(["transfer_id", *_SETTINGS]))
     for name in ("poses", "waypoints"):
-        faults = custody.step_faults(catalog, name, held[STEPS[name]])
+        faults = custody.step_faults(catalog, name, whole[STEPS[name]])
         findings += _readable((f"{name} of {row}", wrong) for row, wrong in faults)
     return findings
 
@@ -115,13 +115,13 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
     since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
     key, name = table.declared.names[0], table.declared.name
     values, bare = Values(name, skipped=DERIVED if name == "transfers" else ()), list[str]()
-    held, count = [encoded(table.declared.schema.empty_table().select(columns))], 0
+    pieces, count = [encoded(table.declared.schema.empty_table().select(columns))], 0
 
     def parts() -> Iterator[pa.Table]:
         nonlocal count
         for rows in _together(table.batches(None)):
             count += len(rows)
-            held.append(encoded(rows.select(columns)))
+            pieces.append(encoded(rows.select(columns)))
             values.look_at(rows)
             if since.isdigit():
                 late = pc.greater_equal(rows["commit_version"], int(since))
@@ -134,7 +134,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
     findings = [*values.findings(), *changed, *unhashed]
     if count < added:
         findings.append(Finding(name, f"has {count} rows, and {added} were added: some were taken away"))
-    return pa.concat_tables(held).unify_dictionaries(), findings
+    return pa.concat_tables(pieces).unify_dictionaries(), findings
 
 
 def _together(parts: Iterator[pa.Table]) -> Iterator[pa.Table]:
@@ -208,12 +208,12 @@ def broken(column: Column, values: pa.ChunkedArray) -> pa.ChunkedArray | None:
     return reduce(pc.or_, masks) if masks else None
 
 
-def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
+def _references(whole: dict[str, pa.Table]) -> Iterator[Finding]:
     """Names of structures, demonstrations and plans that are not there."""
     for table, column, to in _REFERENCES:
-        known, named = _texts(held[to].column(0)), _texts(held[table][column])
+        known, named = _texts(whole[to].column(0)), _texts(whole[table][column])
         missing = sorted(named.filter(pc.invert(pc.is_in(named, known))).to_pylist())
-        for name, owners in _owners(held[table], column, missing).items():
+        for name, owners in _owners(whole[table], column, missing).items():
             yield Finding(f"{table}.{column}", f"{name} is not in {to}; named by {some(owners)}")
 
 
@@ -230,20 +230,20 @@ def _owners(rows: pa.Table, column: str, values: list[str], name: int | str = 0)
     return owners
 
 
-def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
+def _meshes(whole: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
     """Counts of structures that are not those of their meshes."""
-    for sha256, rows in held["structures"].to_pandas().groupby("mesh_sha256"):
+    for sha256, rows in whole["structures"].to_pandas().groupby("mesh_sha256"):
         counts = contents["meshes"].sizes.get(sha256)
         wrong = rows[rows[_COUNTS].ne([*counts]).any(axis=1)]["structure_id"] if counts else ()
         if len(wrong):
             yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {some(wrong)}")
 
 
-def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
+def _contents(catalog: Catalog, whole: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
     """What is kept by its content and is damaged or not there, and whose it is."""
     place, named = catalog.location.rstrip("/"), set()
     for name, table, column in NAMED_CONTENTS:
-        rows = held[table]
+        rows = whole[table]
         hashes = filter(None, _texts(rows[column]).to_pylist())
         faults = {sha256: custody.fault_of(contents, name, sha256) for sha256 in hashes}
         wrong = {sha256: fault for sha256, fault in faults.items() if fault[1]}

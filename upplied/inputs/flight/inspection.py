@@ -37,8 +37,8 @@ def inspected(
 ) -> tuple[Track, list[str], bool]:
     """The samples of the inspection (InputError: none), how they were cut, and whether times were given."""
     first = int(track.t_ns.min()) if len(track) else 0
-    given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
-    if any(value is not None for value in given):
+    bounds = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
+    if any(value is not None for value in bounds):
         start = facts.start_ns if facts.start_s is None else first + int(facts.start_s * 1e9)
         stop = facts.end_ns if facts.stop_s is None else first + int(facts.stop_s * 1e9)
         spans = [(-(2**63) if start is None else start, 2**63 - 1 if stop is None else stop)]

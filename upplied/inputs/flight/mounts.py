@@ -49,17 +49,17 @@ def camera_poses(track: Track, facts: LogOptions, tree: Tree, camera: str, gimba
 
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
     """Poses in the frame in which the structure is placed; InputError if no transforms lead there."""
-    if not (wanted := facts.frame_id.lstrip("/")) or track.parent in ("", wanted, STRUCTURE):
+    if not (frame := facts.frame_id.lstrip("/")) or track.parent in ("", frame, STRUCTURE):
         return track
-    if not tree.path(track.parent, wanted):
+    if not tree.path(track.parent, frame):
         if "frame-unconnected" in facts.allow:
-            return track.noted(f"no transform from {track.parent} to {wanted}: allowed")
-        finding = f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}"
+            return track.noted(f"no transform from {track.parent} to {frame}: allowed")
+        finding = f"gives poses in the frame {track.parent!r}, the structure is placed in {frame!r}"
         rule = "frame-unconnected: one frame, or transforms between them"
         raise InputError(what, finding, rule, "place the structure in the frame of the poses")
-    positions, turn, known = tree.at(track.parent, wanted, track.t_ns, facts.gap_s)
-    moved = replace(track.turned(turn, positions + turn.apply(track.positions)), parent=wanted)
-    return moved.during(known, f"transform to {wanted}")
+    positions, turn, known = tree.at(track.parent, frame, track.t_ns, facts.gap_s)
+    moved = replace(track.turned(turn, positions + turn.apply(track.positions)), parent=frame)
+    return moved.during(known, f"transform to {frame}")
 
 
 def in_structure_frame(track: Track, facts: LogOptions) -> Track:
@@ -123,20 +123,20 @@ def registered(
         rule = f"at least {_LEAST} landmarks of the structure: {known}"
         raise InputError(what, f"registers by {finding}", rule)
     logged = np.array([place for _, place in facts.points], float)
-    wanted = np.array([structure.landmarks[name] for name in names], float)
+    places = np.array([structure.landmarks[name] for name in names], float)
     spread = np.linalg.svd(logged - logged.mean(axis=0), compute_uv=False)
     if spread[1] < _FLAT * max(spread[0], 1e-9):
         rule = "points that span a plane"
         raise InputError(what, "registers by points on one line", rule, "add one beside the line")
     free = facts.unit_m is not None and not facts.unit_m > 0
     unit_m = 1.0 if free or facts.unit_m is None else facts.unit_m
-    middle, goal = unit_m * logged.mean(axis=0), wanted.mean(axis=0)
+    middle, goal = unit_m * logged.mean(axis=0), places.mean(axis=0)
     around = unit_m * logged - middle
-    turn = Rotation.align_vectors(wanted - goal, around)[0].as_matrix()
-    scale = float(((wanted - goal) * (around @ turn.T)).sum() / (around**2).sum()) if free else 1.0
+    turn = Rotation.align_vectors(places - goal, around)[0].as_matrix()
+    scale = float(((places - goal) * (around @ turn.T)).sum() / (around**2).sum()) if free else 1.0
     shift = goal - scale * turn @ middle
     unit = scale if free else facts.unit_m
-    off_m = np.linalg.norm((unit or 1.0) * logged @ turn.T + shift - wanted, axis=1)
+    off_m = np.linalg.norm((unit or 1.0) * logged @ turn.T + shift - places, axis=1)
     listed = ", ".join(f"{name} {off:.2f} m" for name, off in zip(names, off_m, strict=True))
     if off_m.max() > facts.passport.register_m:
         rule = f"at most {facts.passport.register_m:g} m"

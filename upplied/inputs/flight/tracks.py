@@ -127,10 +127,10 @@ def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:
     if not good.any():
         return positions, quats
     origin = track.t_ns[0]
-    known, wanted = (track.t_ns - origin) * 1e-9, (t_ns[good] - origin) * 1e-9
-    positions[good] = interpolated(wanted, known, track.positions)
+    known, times = (track.t_ns - origin) * 1e-9, (t_ns[good] - origin) * 1e-9
+    positions[good] = interpolated(times, known, track.positions)
     turns = Slerp(known, Rotation.from_quat(track.quat_xyzw))
-    quats[good] = normalised(turns(np.clip(wanted, known[0], known[-1])).as_quat())
+    quats[good] = normalised(turns(np.clip(times, known[0], known[-1])).as_quat())
     return positions, quats
 
 

@@ -34,9 +34,9 @@ def read_las(source: Source) -> RawMesh:
             source.most(count, "points", *_PACKED)
         else:
             end = header.start_of_first_evlr if header.number_of_evlrs else len(data)
-            held = max(end - start, 0) // width
-            if held != count and not (held > count and not any(data[start + count * width : end])):
-                raise source.error(f"says it has {count} points, it holds {held}", "a complete LAS")
+            stored = max(end - start, 0) // width
+            if stored != count and not (stored > count and not any(data[start + count * width : end])):
+                raise source.error(f"says it has {count} points, it holds {stored}", "a complete LAS")
         for points in reader.chunk_iterator(_CHUNK):
             pieces.append(np.column_stack([points.X, points.Y, points.Z]) * header.scales + header.offsets)
     return _counted(source, np.concatenate([np.empty((0, 3)), *pieces]), count, up="z")
@@ -89,17 +89,17 @@ def read_pcd(source: Source) -> RawMesh:
         raise source.error("its header cannot be understood", rule) from None
     body, mode, width = source.data[data_line.end() :], data_line[1].decode(), int(np.dot(sizes, counts))
     if mode == "ascii":
-        held = len(numbers(body)) / sum(counts)
+        stored = len(numbers(body)) / sum(counts)
     elif mode == "binary":
-        held = len(body) / width if any(body[number * width :]) else number
+        stored = len(body) / width if any(body[number * width :]) else number
     elif mode == "binary_compressed":
         packed, size = (int.from_bytes(body[at : at + 4], "little") for at in (0, 4))
         # LZF packs at most 264 bytes into three.
-        held = size / width if 8 + packed <= len(body) and size <= 88 * max(packed, 1) else 0
+        stored = size / width if 8 + packed <= len(body) and size <= 88 * max(packed, 1) else 0
     else:
         raise source.error(f"its DATA is {mode[:40]!r}", "ascii, binary or binary_compressed")
-    if held < number or held >= number + 1:
-        raise source.error(f"says it has {number} points, it holds {int(held)}", "a complete file")
+    if stored < number or stored >= number + 1:
+        raise source.error(f"says it has {number} points, it holds {int(stored)}", "a complete file")
     # Open3D is given the header that was understood here.
     columns: dict[str, list[Any]] = {"FIELDS": names, "SIZE": sizes, "TYPE": kinds, "COUNT": counts}
     lists = "".join(f"{key} {' '.join(map(str, words))}\n" for key, words in columns.items())

@@ -89,8 +89,8 @@ def read_off(source: Source) -> RawMesh:
     try:
         n_vertices, n_faces = (int(word) for word in lines[0].split()[:2])
         if min(n_vertices, n_faces) < 0 or len(lines) != 1 + n_vertices + n_faces:
-            held = f"it holds {len(lines) - 1} lines"
-            finding = f"its header says {n_vertices} vertices and {n_faces} faces, {held}"
+            content = f"it holds {len(lines) - 1} lines"
+            finding = f"its header says {n_vertices} vertices and {n_faces} faces, {content}"
             raise source.error(finding, "a complete file, one vertex or face a line")
         vertices = _first_three(source, lines[1 : 1 + n_vertices], "x y z")
         faces = [line.split() for line in lines[1 + n_vertices : 1 + n_vertices + n_faces]]
@@ -116,9 +116,9 @@ def read_stl(source: Source) -> RawMesh:
     if is_text_stl(source.data):
         return _text(source)
     count, body = int.from_bytes(source.data[80:_HEAD], "little"), source.data[_HEAD:]
-    spare, held = body[count * _FACET :], len(body) // _FACET
+    spare, facets = body[count * _FACET :], len(body) // _FACET
     if len(body) < count * _FACET or (len(spare) >= _FACET and any(spare)):
-        raise source.error(f"its header says {count} triangles, it holds {held}", "a complete file")
+        raise source.error(f"its header says {count} triangles, it holds {facets}", "a complete file")
     loaded = load_stl_binary(io.BytesIO(source.data[: _HEAD + count * _FACET]))  # it takes no byte too many
     return _soup([loaded] if count else [], counted((len(spare), "bytes after the last triangle left aside")))
 

@@ -39,10 +39,10 @@ def read_ply(source: Source) -> RawMesh:
             continue
         if element in ("vertex", "tristrips"):
             raise source.error(f"holds {element} rows as lists", "plain vertices, faces as lists")
-        wanted = next((i for i, name in enumerate(names) if name in _INDICES), -1)
-        if element == "face" and (wanted < 0 or properties[wanted][2] is None):
+        index = next((i for i, name in enumerate(names) if name in _INDICES), -1)
+        if element == "face" and (index < 0 or properties[index][2] is None):
             raise source.error("its faces have no list 'vertex_indices'", "faces as lists of vertices")
-        indices, lengths, used = _lists(source, body, element, count, properties, wanted)
+        indices, lengths, used = _lists(source, body, element, count, properties, index)
         body = body[used:]
         if element == "face":
             corners, sizes = indices, lengths
@@ -94,7 +94,7 @@ def _kind(name: str, form: str) -> np.dtype:
 
 
 def _lists(
-    source: Source, body: memoryview, element: str, count: int, properties: list[_Property], wanted: int
+    source: Source, body: memoryview, element: str, count: int, properties: list[_Property], index: int
 ) -> tuple[Ints, Ints, int]:
     """The lists of one property, row after row, their lengths, and how many bytes all rows take."""
     counts = [length for *_, length in properties if length is not None]
@@ -104,18 +104,18 @@ def _lists(
     widths = np.array([(form.itemsize, "iuf".find(form.kind), kind.itemsize) for form, kind in forms])
     data, big = np.frombuffer(body, np.uint8), any(length.str[0] == ">" for length in counts)
     sizes, starts = np.zeros((2, count), np.int64)
-    if (used := _walk(data, widths, wanted, big, sizes, starts)) < 0:
+    if (used := _walk(data, widths, index, big, sizes, starts)) < 0:
         raise source.error(f"ends within its {element} rows", "a complete file")
-    if wanted < 0:
+    if index < 0:
         return sizes[:0], sizes[:0], used
-    kind = properties[wanted][1]
+    kind = properties[index][1]
     values = _gathered(data, starts, sizes * kind.itemsize).view(kind)
     return whole(values) if kind.kind == "f" else values.astype(np.int64), sizes, used
 
 
 @njit(cache=True)
 def _walk(  # pragma: no cover - compiled
-    data: np.ndarray, widths: np.ndarray, wanted: int, big: bool, sizes: np.ndarray, starts: np.ndarray
+    data: np.ndarray, widths: np.ndarray, index: int, big: bool, sizes: np.ndarray, starts: np.ndarray
 ) -> int:
     """Length and start of the wanted list of each row; the end of all rows, or -1 where it lies beyond."""
     at = 0
@@ -138,7 +138,7 @@ def _walk(  # pragma: no cover - compiled
                     if form == 0 and count >> (8 * size - 1):
                         return -1
                 at += size
-            if i == wanted:
+            if i == index:
                 sizes[row], starts[row] = count, at
             if count * width > len(data) - at:
                 return -1

@@ -48,10 +48,10 @@ class Decoder:
                 raise DefinitionError(f"messages in {encoding} encoding, schema in {schema} encoding")
 
     def columns(
-        self, payloads: Sequence[bytes], wanted: Iterable[str], most: int = 10**9
+        self, payloads: Sequence[bytes], names: Iterable[str], most: int = 10**9
     ) -> tuple[Columns, Ints, int]:
         """The wanted values of payloads, `most` rows, of each its payload (R,), and how many are damaged."""
-        known = [path for path in wanted if self.paths is None or path in self.paths]
+        known = [path for path in names if self.paths is None or path in self.paths]
         many = next((path.split("[]")[0] for path in known if "[]" in path), "")
         plain = [path for path in known if "[]" not in path]
         inner = [path for path in known if many and path.startswith(f"{many}[].")]
@@ -169,9 +169,9 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
     for _ in recording.read(sink_of):
         for builder in builders.values():
             if builder.sink:
-                held = sum(one.rows for one in builders.values())
-                held += builder.decode(recording.limit(MAX_MESSAGES) - held)
-                recording.check(held, MAX_MESSAGES, "messages of poses")
+                rows = sum(one.rows for one in builders.values())
+                rows += builder.decode(recording.limit(MAX_MESSAGES) - rows)
+                recording.check(rows, MAX_MESSAGES, "messages of poses")
     tables = []
     for _, builder in sorted(builders.items()):
         builder.table.columns, times = stacked(builder.pieces)
@@ -195,13 +195,13 @@ class _Builder:
     def decode(self, most: int) -> int:
         """How many rows the messages that wait hold, once they are columns; about `most` are read."""
         self.table.messages += len(self.sink)
-        held = [message for message in self.sink if len(message[2]) <= _MAX_PAYLOAD_BYTES]
-        if len(held) < len(self.sink):
-            self.table.dropped["too large a message"] += len(self.sink) - len(held)
+        messages = [message for message in self.sink if len(message[2]) <= _MAX_PAYLOAD_BYTES]
+        if len(messages) < len(self.sink):
+            self.table.dropped["too large a message"] += len(self.sink) - len(messages)
         self.sink.clear()
-        if self._decoder is None or not held:
+        if self._decoder is None or not messages:
             return 0
-        log_ns, publish_ns, payloads = zip(*held, strict=True)
+        log_ns, publish_ns, payloads = zip(*messages, strict=True)
         if self.table.channel.encoding == "cdr" and payloads[0].startswith(_ZSTD_MAGIC):
             payloads = tuple(map(_unwrapped, payloads))
         columns, row, unreadable = self._decoder.columns(payloads, self._paths, most)

@@ -142,11 +142,11 @@ def turns() -> Iterator[Convention]:
             yield Convention(name, words, drifting, "correct the drift", 0.06)
 
 
-def offsets(given: Poses, scene: Scene) -> Iterator[Convention]:
+def offsets(poses: Poses, scene: Scene) -> Iterator[Convention]:
     """Steps along the axes and their diagonals, some metres and some diagonals of the structure's box."""
     steps = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     steps = steps[np.abs(steps).sum(axis=1) > 0]
-    away = (scene.box[0] + scene.box[1]) / 2 - np.median(given[0], axis=0)
+    away = (scene.box[0] + scene.box[1]) / 2 - np.median(poses[0], axis=0)
     moves = [size * step for size in (3.0, 6.0, 9.0, 12.0, 18.0, 25.0, 35.0, 50.0) for step in steps]
     moves += [away * (1, 1, 0), away * (0, 0, 1)]
     for offset in moves:
@@ -196,19 +196,19 @@ class Comparison:
     def __post_init__(self) -> None:
         self.track = self.track.take(chosen_evenly(len(self.track), _COMPARED))
         flown = self.to_camera(self.track)
-        self._given: Poses = flown.positions, flown.quat_xyzw
+        self._poses: Poses = flown.positions, flown.quat_xyzw
         self._at = (flown.t_ns - self.track.t_ns[0]) * 1e-9 if self.timed else None
 
     def best_fits(self, enough: float = 2.0) -> tuple[float, list[Fit]]:
         """How well the poses fit as they are, alone from `enough` on, and what fits better, best first."""
-        share = float(self._shares([self._given])[0])
+        share = float(self._shares([self._poses])[0])
         if share >= enough:
             return share, []
         of_camera = (*(item for item in NAMED.values() if item.of_camera), *MOUNTS, *turns())
-        others = [*of_camera, *offsets(self._given, self.scene)]
+        others = [*of_camera, *offsets(self._poses, self.scene)]
         if self.track.parent == STRUCTURE:
             others = [replace(it, remedy=_PLACE) if it.remedy[:10] == "structure_" else it for it in others]
-        tried = self._as_logged() + [(item, item.change(*self._given)) for item in others]
+        tried = self._as_logged() + [(item, item.change(*self._poses)) for item in others]
         shares = self._shares([poses for _, poses in tried]) * self._moves([poses for _, poses in tried])
         candidates = [Fit(item, float(other)) for (item, _), other in zip(tried, shares, strict=True)]
         return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
@@ -219,14 +219,14 @@ class Comparison:
         Both are (4,), as of `_unsteadiness`. One is so much less, in a ratio, in a named convention, in which
         as many poses could be of an inspection; of the distance in one of the same scale.
         """
-        as_given, ratios = _unsteadiness(self._given, self.scene), np.array([ratio, ratio, NEARER, ratio])
+        as_given, ratios = _unsteadiness(self._poses, self.scene), np.array([ratio, ratio, NEARER, ratio])
         if (as_given < ratios * _STEADY).all():
             return as_given, as_given, []
         measured = [(_unsteadiness(poses, self.scene), item, poses) for item, poses in self._as_logged()]
         for varies, item, _ in measured:
             varies[2] = np.inf if item.name in _SCALES else varies[2]
         tried = [each for each in measured if (ratios * np.maximum(each[0], _STEADY) <= as_given).any()]
-        poses = [self._given, *(poses for *_, poses in tried)]
+        poses = [self._poses, *(poses for *_, poses in tried)]
         share, *shares = (self._shares(poses) * self._moves(poses)).tolist()
         fitting = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)]
         good = [each for each in fitting if each[1].share >= share - AS_WELL]
@@ -250,7 +250,7 @@ class Comparison:
             if not item.of_camera:
                 positions, quats = item.change(thin.positions, thin.quat_xyzw)
                 changed = self.to_camera(replace(thin, positions=positions, quat_xyzw=quats))
-                if len(changed) == len(self._given[0]):
+                if len(changed) == len(self._poses[0]):
                     tried.append((item, (changed.positions, changed.quat_xyzw)))
         return tried
 

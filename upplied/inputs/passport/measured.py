@@ -109,9 +109,9 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     doubtful = clearance < settings.least_clearance_m or sight.inside.any() or off_m >= settings.off_centre_m
     enough = 2.0 if doubtful else 1 - settings.fit_gain_pct / 100  # no other could explain enough more
     around = reading.to_camera, scene, floor, seen_m, reading.source.timed
-    given, others = Comparison(reading.whole, *around).best_fits(enough)
+    share, others = Comparison(reading.whole, *around).best_fits(enough)
     varies, least, steady = Comparison(logged, *around).steadier(settings.steadier_ratio)
-    if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
+    if steady and (not others or others[0].share - share < settings.fit_gain_pct / 100):
         others = steady
     least = least if others is steady else varies
     angles = [camera.hfov_deg] if flown.fov_deg is None else flown.fov_deg[:, 0].tolist()
@@ -130,7 +130,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         inside_pct=_pct(sight.inside), near_pct=_pct(sight.clearance_m < settings.near_m),
         min_clearance_m=clearance, axis_pct=_pct(sight.meets), shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
-        fit_pct=100 * given,
+        fit_pct=100 * share,
         stand_off_varies=float(varies[0]), other_varies=float(least[0]),
         rolls_deg=float(varies[1]), other_rolls_deg=float(least[1]),
         other_clearance_m=float(1 / least[2]) if NEARER * least[2] <= varies[2] else 0.0,

@@ -206,9 +206,9 @@ def _motion(track: Track, logged: tuple[Ints, Floats] | None) -> dict[str, Any]:
     fit = max(_fit(starts.inv().apply(moved), linear, _SLOWEST_MPS), _fit(moved, linear, _SLOWEST_MPS))
     turn = max(_fit(turned, angular, _SLOWEST_RADPS), _fit(starts.apply(turned), angular, _SLOWEST_RADPS))
     known = [each for each in (fit, turn) if np.isfinite(each)]
-    speeds, wanted = np.linalg.norm(moved, axis=1), np.linalg.norm(linear, axis=1)
-    both = (speeds > _SLOWEST_MPS / 10) & (wanted > _SLOWEST_MPS)
-    ratio = float(np.median(speeds[both] / wanted[both])) if both.sum() >= _MOMENTS else float("nan")
+    speeds, speeds_logged = np.linalg.norm(moved, axis=1), np.linalg.norm(linear, axis=1)
+    both = (speeds > _SLOWEST_MPS / 10) & (speeds_logged > _SLOWEST_MPS)
+    ratio = float(np.median(speeds[both] / speeds_logged[both])) if both.sum() >= _MOMENTS else float("nan")
     return {"motion_fit_pct": 100 * min(known) if known else float("nan"), "motion_ratio": ratio}
 
 

@@ -35,8 +35,8 @@ _PIPELINE = (
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel in the structure's frame; InputError without its place, datum, attitude."""
-    wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
-    if missing := [name for name in wanted if getattr(facts, name) is None]:
+    names = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
+    if missing := [name for name in names if getattr(facts, name) is None]:
         finding = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
         rule = "latitude, longitude, altitude and heading of the structure"
         raise InputError(table.channel.topic, finding, rule, "write them into the side-car")
@@ -84,8 +84,8 @@ def _valid(table: Table) -> Bools:
 
 def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float, tuple[str, ...]]:
     """What to add to the altitudes of the log and of the structure for one datum, and in words by what."""
-    wanted = facts.structure_datum or "ellipsoid"
-    if datum == wanted:
+    goal = facts.structure_datum or "ellipsoid"
+    if datum == goal:
         return 0.0, 0.0, ()
     if datum == TAKEOFF:
         if facts.takeoff_alt_m is None:
@@ -98,7 +98,7 @@ def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float, t
         assert facts.structure_lat_deg is not None and facts.structure_lon_deg is not None
         undulation, words = undulation_m(facts.structure_lat_deg, facts.structure_lon_deg)
     if undulation is None:
-        finding = f"gives altitudes above the {_NAMES[datum]}, the structure's above the {_NAMES[wanted]}"
+        finding = f"gives altitudes above the {_NAMES[datum]}, the structure's above the {_NAMES[goal]}"
         rule = "one datum, or the height of mean sea level above the ellipsoid there"
         raise InputError(table.channel.topic, finding, rule, f"give geoid_undulation_m, or a grid: {words}")
     lifts = (0.0, undulation) if datum == "ellipsoid" else (undulation, 0.0)

@@ -118,8 +118,8 @@ def _dataflash(path: Path, text: bool, source: Source) -> Rows:
         values = [getattr(message, name, np.nan) for name in _MESSAGES[message.get_type()][0]]
         rows[message.get_type()].append((round(message._timestamp * 1e9), values))
     if log is not None and not text:
-        held = sum(len(at) * log.formats[kind].len for kind, at in enumerate(log.offsets) if len(at))
-        _lost(source, size - held - _SPARE, size)
+        length = sum(len(at) * log.formats[kind].len for kind, at in enumerate(log.offsets) if len(at))
+        _lost(source, size - length - _SPARE, size)
     if not dated:
         source.notes.append("times count from the start of the autopilot: the log holds no date")
     return rows

@@ -38,17 +38,17 @@ def siblings(path: Path) -> list[Path]:
 @dataclass
 class _Bag(Recording):
     #: Channel, time, ns, and payload of each message of the wanted channels.
-    messages: Callable[[set[int]], Iterator[tuple[int, int, bytes]]] = lambda wanted: iter(())
+    messages: Callable[[set[int]], Iterator[tuple[int, int, bytes]]] = lambda links: iter(())
 
     def channel(self, channel_id: int) -> Channel | None:
         return self.channels.get(channel_id)
 
     def read(self, sink_of: Callable[[Channel], Sink | None]) -> Iterator[None]:
         sinks = {number: sink_of(channel) for number, channel in self.channels.items()}
-        wanted = {number: sink for number, sink in sinks.items() if sink is not None}
+        links = {number: sink for number, sink in sinks.items() if sink is not None}
         waiting = unpacked = 0
-        for number, t_ns, payload in self.messages(set(wanted)):
-            wanted[number].append((t_ns, t_ns, payload))
+        for number, t_ns, payload in self.messages(set(links)):
+            links[number].append((t_ns, t_ns, payload))
             waiting, unpacked = waiting + 1, unpacked + len(payload)
             if waiting >= _BATCH:
                 self.check(unpacked, MAX_UNPACKED, "bytes of messages")
@@ -70,9 +70,9 @@ def _ros1(path: Path, size: int) -> _Bag:
         text = str(getattr(each.msgdef, "data", each.msgdef)).encode()
         bag.channels[each.id] = Channel(each.id, each.topic, "ros1", f"{package}/{name}", "ros1msg", text)
 
-    def messages(wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
+    def messages(links: set[int]) -> Iterator[tuple[int, int, bytes]]:
         with closing(reader):
-            some = [each for each in reader.connections if each.id in wanted]
+            some = [each for each in reader.connections if each.id in links]
             try:
                 for connection, t_ns, payload in reader.messages(some) if some else ():
                     yield connection.id, t_ns, bytes(payload)
@@ -103,10 +103,10 @@ def _ros2(path: Path, size: int) -> _Bag:
             )
             bag.channels[at] = Channel(at, name, encoding, kind, "ros2msg", text.encode())
 
-    def messages(wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
+    def messages(links: set[int]) -> Iterator[tuple[int, int, bytes]]:
         query = "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({}) ORDER BY timestamp, id"
         for file, numbers in files:
-            some = [number for number, at in numbers.items() if at in wanted]
+            some = [number for number, at in numbers.items() if at in links]
             with _opened(file) as database:
                 try:
                     rows = database.execute(query.format(",".join("?" * len(some))), some)

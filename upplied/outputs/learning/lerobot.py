@@ -67,8 +67,8 @@ def export_lerobot(
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
     known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
-    wanted = known if demonstrations is None else {*demonstrations}
-    flown = {name: row for name, row in known.items() if name in wanted}
+    names = known if demonstrations is None else {*demonstrations}
+    flown = {name: row for name, row in known.items() if name in names}
     if not len(rows) + len(flown) or fps < 1:
         fault = f"{len(rows)} plans with a trajectory, {len(flown)} demonstrations, {fps} frames a second"
         raise InputError("episodes", fault, "at least one of each")

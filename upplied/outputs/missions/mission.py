@@ -179,7 +179,7 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
     ends = len(sortie.outbound), len(sortie.inbound)
 
-    def held(values: Floats) -> Floats:
+    def stretched(values: Floats) -> Floats:
         return np.pad(values[inside], [ends, (0, 0)], "edge")
 
     legs, transit_mps = slice(sortie.first, sortie.last), cutter.options.transit_mps
@@ -188,13 +188,13 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
     passed[np.flatnonzero(inspect)[[0, -1]]] = 0.0
     return {
         "local": np.concatenate([sortie.outbound, path.positions[inside], sortie.inbound]),
-        "quat_xyzw": held(path.quat_xyzw),
+        "quat_xyzw": stretched(path.quat_xyzw),
         "speed_mps": np.pad(cutter.speeds[legs], (ends[0] + 1, ends[1]), constant_values=transit_mps),
         "hold_s": np.pad(cutter.holds_s[legs], (ends[0] + 1, ends[1])),
         "passing_m": passed,
         "photo": photos,
         "inspect": inspect,
-        "fov_deg": None if path.fov_deg is None else held(path.fov_deg),
+        "fov_deg": None if path.fov_deg is None else stretched(path.fov_deg),
     }
 
 

@@ -157,8 +157,8 @@ class Cutter:
         flown = legs / self.speeds
         self.holds_s = np.maximum(planned - flown, 0.0)  # turning on the spot, or hovering
         self.elapsed_s = cumulated(flown + self.holds_s + self.stop_s[1:])
-        given = self.options.endurance_s
-        self.budget_s = np.inf if given is None else given * (1 - self.options.reserve_pct / 100)
+        endurance_s = self.options.endurance_s
+        self.budget_s = np.inf if endurance_s is None else endurance_s * (1 - self.options.reserve_pct / 100)
 
     def sorties(self) -> list[Sortie]:
         """As few as the greedy rule finds: each as long as it may be."""
@@ -185,9 +185,9 @@ class Cutter:
                 return Sortie(first, last, there[:0:-1], back[1:], float(spent))
         if farthest == len(self.path) - 1 and self._leg_home(farthest) is None:
             raise self._no_leg(farthest)
-        given, limits = self.options.endurance_s, []
-        if given is not None:
-            limits.append(f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
+        endurance_s, limits = self.options.endurance_s, []
+        if endurance_s is not None:
+            limits.append(f"an endurance of {endurance_s:g} s, {self.options.reserve_pct:g} % in reserve")
         if self.most < 10**9:
             limits.append(f"at most {self.most} waypoints")
         what = f"mission from {self.path.positions[first].round(1).tolist()} m"

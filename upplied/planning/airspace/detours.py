@@ -220,19 +220,19 @@ def _corners_rounded(
     like = np.zeros_like(smooth) if like is None else like
     movable[[0, -1]] = False
     for _ in range(_SMOOTHINGS):
-        wanted = np.array(smooth)
+        goal = np.array(smooth)
         off = smooth - like
-        wanted[1:-1] += 0.5 * ((off[2:] + off[:-2]) / 2 - off[1:-1])
-        wanted[~movable] = smooth[~movable]
-        broken = airspace.broken(wanted)
+        goal[1:-1] += 0.5 * ((off[2:] + off[:-2]) / 2 - off[1:-1])
+        goal[~movable] = smooth[~movable]
+        broken = airspace.broken(goal)
         if broken.any():
             touched = np.zeros(len(smooth), bool)
             touched[:-1] |= broken
             touched[1:] |= broken
-            wanted[touched] = smooth[touched]
-            if airspace.broken(wanted).any():
+            goal[touched] = smooth[touched]
+            if airspace.broken(goal).any():
                 break
-        smooth = wanted
+        smooth = goal
     return smooth
 
 

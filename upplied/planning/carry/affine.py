@@ -185,20 +185,20 @@ def gauss_newton(
         camera_d = (viewpoints.positions[index] - mean_d) / sigma_d
         points_d = (source.points[seen] - mean_d) / sigma_d
         points_t = (target.points[correspondences.target_index[seen]] - mean_t) / sigma_t
-        wanted = np.linalg.norm(points_d - camera_d, axis=1)
-        camera_t = _solve((start[index] - mean_t) / sigma_t, points_t, wanted, settings.iterations)
+        distances = np.linalg.norm(points_d - camera_d, axis=1)
+        camera_t = _solve((start[index] - mean_t) / sigma_t, points_t, distances, settings.iterations)
         refined[index] = camera_t * sigma_t + mean_t
     return refined
 
 
-def _solve(camera: Floats, points: Floats, wanted: Floats, iterations: int) -> Floats:
+def _solve(camera: Floats, points: Floats, distances: Floats, iterations: int) -> Floats:
     """Plain Gauss-Newton with the least-norm step; of all iterates the one with the least residual."""
     # Without that choice single viewpoints run off by kilometres where the points in view lie in a plane.
     here, best, least = camera, camera, np.inf
     residual, jacobian = np.empty(len(points)), np.empty(points.shape)
     room = [int(size) for size in dgelsd_lwork(*points.shape, 1, _SINGULAR)[:2]]
     for _ in range(iterations + 1):
-        _residuals(here, points, wanted, residual, jacobian)
+        _residuals(here, points, distances, residual, jacobian)
         size = float(residual @ residual)
         if not np.isfinite(size):
             break
@@ -213,12 +213,12 @@ def _solve(camera: Floats, points: Floats, wanted: Floats, iterations: int) -> F
 
 
 @njit(cache=True)
-def _residuals(camera: Floats, points: Floats, wanted: Floats, residual: Floats, jacobian: Floats) -> None:
+def _residuals(camera: Floats, points: Floats, distances: Floats, residual: Floats, jacobian: Floats) -> None:
     """Fill in the residuals (Eq. 3) and their derivatives by the camera's place."""
     for row in range(len(points)):
         x, y, z = camera[0] - points[row, 0], camera[1] - points[row, 1], camera[2] - points[row, 2]
         distance = max(np.sqrt(x * x + y * y + z * z), 1e-12)
-        residual[row] = distance - wanted[row]
+        residual[row] = distance - distances[row]
         jacobian[row, 0], jacobian[row, 1], jacobian[row, 2] = x / distance, y / distance, z / distance
 
 

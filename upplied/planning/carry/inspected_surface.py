@@ -81,8 +81,8 @@ def inspected_surface(
     """
     share = source.areas
     share = share * demonstrated.total if weight is None else share * weight * demonstrated.total
-    meant = share > 0
-    paired = meant & (correspondences.target_index >= 0)
+    inspected = share > 0
+    paired = inspected & (correspondences.target_index >= 0)
     near, _ = demonstrated.nearest(source.points, carry=carry)
     if near_m is not None:
         near = np.where(np.isfinite(near_m), near_m, near)
@@ -96,7 +96,7 @@ def inspected_surface(
     need: Floats = np.bincount(index.ravel(), parts.ravel(), number).astype(float)
     with np.errstate(invalid="ignore"):
         standoff = np.bincount(index.ravel(), (near[paired, None] * parts).ravel(), number) / need
-    return InspectedSurface(target, need, standoff, float(share[meant & ~paired].sum()))
+    return InspectedSurface(target, need, standoff, float(share[inspected & ~paired].sum()))
 
 
 def _spread(target: Cloud, index: Ints, points: Floats) -> tuple[Ints, Floats]:
@@ -144,13 +144,13 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
         weight=inspection.attention.weight,
         near_m=looks.carried_m if transfer.standoff == "scaled" else looks.sampled_m,
     )
-    wanted = surface.standoff_m
+    standoff_m = surface.standoff_m
     if transfer.gsd_m is not None and camera.width_px:
         sampled_m = transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg)
-        wanted = np.where(surface.need > 0, sampled_m, np.nan)
+        standoff_m = np.where(surface.need > 0, sampled_m, np.nan)
     lowest = max(settings.route.clearance_m, camera.min_range_m)
     widest = float(inspection.truly.coarseness.max(initial=1.0))  # a zooming camera's distances are of one
-    return replace(surface, standoff_m=np.clip(wanted, lowest, max(camera.max_range_m, lowest) * widest))
+    return replace(surface, standoff_m=np.clip(standoff_m, lowest, max(camera.max_range_m, lowest) * widest))
 
 
 def coverage(inspected: InspectedSurface, seen: Bools, whole: bool = False) -> float:

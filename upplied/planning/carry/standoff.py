@@ -47,8 +47,8 @@ def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bool
     """
     area = source.areas
     label = labels_of(source)
-    meant = np.bincount(label, weights=area * inspected) / np.bincount(label, weights=area)
-    weight = area[known] * meant[label[known]] ** 2
+    share = np.bincount(label, weights=area * inspected) / np.bincount(label, weights=area)
+    weight = area[known] * share[label[known]] ** 2
     points = np.ascontiguousarray(source.points[known])
     if source.normals is None:
         squared = np.maximum(cdist(positions, points, "sqeuclidean"), _LEAST_M2)
@@ -135,17 +135,17 @@ def counted(
     if settings.gsd_m is not None and camera.width_px:
         before, middle = _middles(positions, weight, here, there)
         sampled = settings.gsd_m * focal_px(camera.width_px, camera.hfov_deg)
-        wanted = np.where(weight.any(axis=1), sampled / (1.0 if coarse is None else coarse), np.nan)
+        standoff_m = np.where(weight.any(axis=1), sampled / (1.0 if coarse is None else coarse), np.nan)
     elif settings.standoff == "kept":
         before, middle = _middles(positions, weight, here, there)
-        wanted = np.linalg.norm(positions - before, axis=1)
+        standoff_m = np.linalg.norm(positions - before, axis=1)
     else:
         sight = carrier.matrix
-        wanted = median_distance(positions @ sight.T, here @ sight.T, weight)
+        standoff_m = median_distance(positions @ sight.T, here @ sight.T, weight)
     # So that the middle of the view is in range.
     lowest = max(nearest_m, camera.min_range_m) * (1 + TOLERANCE)
-    wanted = np.clip(wanted, lowest, max((1 - TOLERANCE) * camera.max_range_m, lowest))
-    return Counted(weight, there, middle, wanted, before)
+    standoff_m = np.clip(standoff_m, lowest, max((1 - TOLERANCE) * camera.max_range_m, lowest))
+    return Counted(weight, there, middle, standoff_m, before)
 
 
 def _middles(positions: Floats, weight: Floats, here: Floats, there: Floats) -> tuple[Floats, Floats]:

@@ -69,24 +69,24 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
         share = prior * np.exp(-cdist(here, fixed.points, "sqeuclidean") / (2 * width**2))
         share /= (share.sum(axis=0) + _OUTLIERS) * stiffness
         metric = (share @ outer.reshape(-1, 9)).reshape(-1, 3, 3)
-        wanted = share @ pull - np.einsum("mij,mj->mi", metric, moving.points)
-        moved = modes @ _strengths(metric, wanted, modes)
-        weights = wanted - np.einsum("mij,mj->mi", metric, moved)
+        pulls = share @ pull - np.einsum("mij,mj->mi", metric, moving.points)
+        moved = modes @ _strengths(metric, pulls, modes)
+        weights = pulls - np.einsum("mij,mj->mi", metric, moved)
         here = moving.points + moved
     return Drift(moving, weights, reach)
 
 
-def _strengths(metric: Floats, wanted: Floats, modes: Floats) -> Floats:
+def _strengths(metric: Floats, pulls: Floats, modes: Floats) -> Floats:
     """How much of each mode (R, 3): c with ``(1 + modes' metric modes) c = modes' wanted``."""
     # That is ``metric_m (kernel @ w)_m + w_m = wanted_m`` for every point m, with ``kernel = modes modes'``
-    # and ``c = modes' w``. `metric` is (M, 3, 3) and symmetric, `wanted` (M, 3), `modes` (M, R).
+    # and ``c = modes' w``. `metric` is (M, 3, 3) and symmetric, `pulls` (M, 3), `modes` (M, R).
     number = modes.shape[1]
     system = np.eye(3 * number)
     for one in range(3):
         for other in range(one, 3):
             block = (modes * metric[:, one, other, None]).T @ modes
             system[one * number : (one + 1) * number, other * number : (other + 1) * number] += block
-    solved = cho_solve(cho_factor(system, overwrite_a=True, check_finite=False), (modes.T @ wanted).T.ravel())
+    solved = cho_solve(cho_factor(system, overwrite_a=True, check_finite=False), (modes.T @ pulls).T.ravel())
     return np.asarray(solved.reshape(3, number).T)
 
 

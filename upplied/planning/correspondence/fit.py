@@ -85,8 +85,8 @@ def surface_settings(settings: Settings) -> Settings:
     if settings.visibility.occlusion:
         return settings
     recommended = settings_for("recommended")
-    wanted = replace(recommended.correspondence, counterparts=settings.correspondence.counterparts)
-    return replace(recommended, clouds=settings.clouds, correspondence=wanted)
+    matching = replace(recommended.correspondence, counterparts=settings.correspondence.counterparts)
+    return replace(recommended, clouds=settings.clouds, correspondence=matching)
 
 
 def without_counterparts(settings: Settings) -> Settings:

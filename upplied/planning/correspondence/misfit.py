@@ -53,8 +53,8 @@ def sizes_beyond(source: Structure, target: Structure, most: float, setting: str
     ratio = float(max(sizes) / max(min(sizes), 1e-9))
     if ratio <= most:
         return ""
-    given = f"the target is {target.diagonal_m:.3g} m across, the source {source.diagonal_m:.3g} m"
-    return f"{given}: {ratio:.1f} times, more than {most:g} (verdict.{setting}); check their units"
+    lengths = f"the target is {target.diagonal_m:.3g} m across, the source {source.diagonal_m:.3g} m"
+    return f"{lengths}: {ratio:.1f} times, more than {most:g} (verdict.{setting}); check their units"
 
 
 def of_other_kinds(source: Structure, target: Structure) -> str:

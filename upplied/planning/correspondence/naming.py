@@ -119,8 +119,8 @@ def _by_place(words: list[str], source: Parts, part: int, target: Parts, names: 
     offset = _in_unit_box(target).middle - 0.5
     score = {"outer": np.abs(offset[:, 1]), "inner": -np.abs(offset[:, 1])}
     score |= {"front": offset[:, 0], "rear": -offset[:, 0], "high": offset[:, 2], "low": -offset[:, 2]}
-    wanted = sum((score[word] for word in words if word in score), np.zeros(len(target)))
-    return max(candidates, key=lambda other: float(wanted[other]), default=None)
+    worth = sum((score[word] for word in words if word in score), np.zeros(len(target)))
+    return max(candidates, key=lambda other: float(worth[other]), default=None)
 
 
 def _alike(source: Parts, part: int, target: Parts) -> list[int]:

@@ -107,14 +107,14 @@ class Grained(Record):
 
 
 def grained(
-    structure: Structure, cloud: Cloud, meant: Bools, clouds: CloudSettings, memo: Memo = no_memo
+    structure: Structure, cloud: Cloud, zone: Bools, clouds: CloudSettings, memo: Memo = no_memo
 ) -> Grained:
     """A structure's samples, finer where something is meant (N,), remembered."""
     # Parts are of the pair, where those of one structure are inferred from the other's.
-    facts = np.flatnonzero(meant).tolist(), [] if cloud.part is None else cloud.part.tolist()
+    facts = np.flatnonzero(zone).tolist(), [] if cloud.part is None else cloud.part.tolist()
     key = content_key("fine", structure.sha256, clouds, digest(facts))
     memo = remembering(memo, structure.sha256)
-    sampled = partial(with_fine, structure, scene_of(structure), cloud, meant)
+    sampled = partial(with_fine, structure, scene_of(structure), cloud, zone)
     return memo("fine", Grained, key, lambda: Grained(*sampled(), key))
 
 

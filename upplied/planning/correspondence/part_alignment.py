@@ -42,9 +42,9 @@ def matched(
     matching = match_parts(here, there, diagonal, fits, pinned)
     if named is None:
         return matching
-    brought, known = np.zeros((len(there), len(here))), named >= 0
-    np.add.at(brought, (labels[1][known], named[known]), registered.areas[known] / registered.areas.sum())
-    return with_named(matching, names_of(registered, named), brought, here, there, pinned or {})
+    shares, known = np.zeros((len(there), len(here))), named >= 0
+    np.add.at(shares, (labels[1][known], named[known]), registered.areas[known] / registered.areas.sum())
+    return with_named(matching, names_of(registered, named), shares, here, there, pinned or {})
 
 
 def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch, Patch]:

@@ -191,7 +191,7 @@ def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: 
 
 
 def with_named(
-    matching: Matching, name: Ints, brought: Floats, source: Parts, target: Parts, pinned: Mapping[int, int]
+    matching: Matching, name: Ints, shares: Floats, source: Parts, target: Parts, pinned: Mapping[int, int]
 ) -> Matching:
     """Let parts that were matched with none correspond to what comes to them, or what they come to.
 
@@ -203,10 +203,10 @@ def with_named(
     """
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
     for other in np.flatnonzero(target_class < 0):
-        mine = (source_class < 0) & (brought[other] > MAJORITY * brought.sum(axis=0))
+        mine = (source_class < 0) & (shares[other] > MAJORITY * shares.sum(axis=0))
         mine[list(pinned)] = False
-        mine &= brought[other] > _PART_OF * brought[other, mine].sum()
-        if brought[other, mine].sum() > MAJORITY * target.area[other]:
+        mine &= shares[other] > _PART_OF * shares[other, mine].sum()
+        if shares[other, mine].sum() > MAJORITY * target.area[other]:
             source_class[mine] = target_class[other] = max(source_class.max(), target_class.max()) + 1
     name = name.copy()
     for axis in (1, 0):

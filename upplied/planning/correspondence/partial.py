@@ -68,7 +68,7 @@ class Judged(NamedTuple):
 def ways_of_open(source: Cloud, target: Cloud, box: Registration, registration: Registration) -> list[Judged]:
     """Registrations of an open target: one that was found, and others, the best first.
 
-    `box` is the registration by boxes made equal, turned as `found`.
+    `box` is the registration by boxes made equal, turned as `registration`.
     """
     both = _Both(source, target, box)
     ways = list(both.ways())
@@ -179,7 +179,7 @@ class _Both:
                 break
             middle, goal = points.mean(axis=0), goals.mean(axis=0)
             spread = np.maximum(((points - middle) ** 2).sum(axis=0), 1e-12)
-            wanted = ((points - middle) * (goals - goal)).sum(axis=0) / spread
-            scale = np.clip(wanted, scale / _STEP, scale * _STEP)
+            slope = ((points - middle) * (goals - goal)).sum(axis=0) / spread
+            scale = np.clip(slope, scale / _STEP, scale * _STEP)
             shift = goal - scale * middle
         return scale, shift

@@ -95,8 +95,8 @@ def attention(
     whole = float((area * gazed).sum())
     if whole <= 0:
         return Attention(np.zeros(number), part, subject)
-    meant = zone.astype(float) if zone is not None else _meant(stretch, area * gazed, area)
-    weight = meant * seen
+    subject_share = zone.astype(float) if zone is not None else _completeness(stretch, area * gazed, area)
+    weight = subject_share * seen
     looks = _histograms(positions, points, facing / area[:, None], rows, *moving, weight * area)
     if looks[0].sum() <= 0:
         return Attention(weight, part, subject)
@@ -105,17 +105,17 @@ def attention(
     return Attention(weight, part, subject, motion, (at[1] + 1) * 0.5)
 
 
-def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
+def _completeness(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
     """How much (N,) the flight was about each sample by how completely its stretch was gazed at."""
     # The mean over the divisions (J, N) of the skin; of a stretch that is as complete as the flight's own
     # all.
-    meant = np.zeros(len(area))
+    whole = np.zeros(len(area))
     for part in stretch:
         complete = np.bincount(part, gazed) / np.maximum(np.bincount(part, area), 1e-300)
         complete /= float(gazed @ complete[part]) / float(gazed.sum())
         share = np.clip((complete - MAJORITY) / (2 * _SOFTENED) + 0.5, 0, 1)
-        meant += (share**2 * (3 - 2 * share))[part] / len(stretch)
-    return meant
+        whole += (share**2 * (3 - 2 * share))[part] / len(stretch)
+    return whole
 
 
 @njit(cache=True)
@@ -226,8 +226,8 @@ def _gazed(
             if x <= 0 or x > limit[pose]:
                 continue
             moved = motion_of(ray, np.sqrt(squared), velocity[pose], turn[pose])
-            held = step_s[pose] * min(1.0, sharp[pose] / max(moved, 1e-12))
+            weight_s = step_s[pose] * min(1.0, sharp[pose] / max(moved, 1e-12))
             y, z = across / x, up / x
-            gaze[index] += held * np.exp(-(y * y + z * z) / (2 * fovea * fovea))
-            time[index] += held
+            gaze[index] += weight_s * np.exp(-(y * y + z * z) / (2 * fovea * fovea))
+            time[index] += weight_s
     return gaze, time

@@ -68,11 +68,11 @@ def zone_of(
     SettingsError
         If a name is unknown, a box or ball has not its numbers, or nothing of the surface is named.
     """
-    wanted = [word.strip() for word in about.split(",") if word.strip()]
-    if not wanted:
+    names = [word.strip() for word in about.split(",") if word.strip()]
+    if not names:
         return None
     zone = np.zeros(len(cloud), bool)
-    for word in wanted:
+    for word in names:
         zone |= _zone(word, structure, cloud, skin, faces)
     if not zone.any():
         raise SettingsError(f"about {about[:80]!r}", "names no surface of the structure", _RULE)

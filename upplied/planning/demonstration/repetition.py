@@ -25,7 +25,7 @@ from upplied.planning.surface.skin import Skin
 from upplied.records import Demonstration, Floats, Ints, Record, Structure, SurfaceStates, Trajectory
 from upplied.records.plans import RequiredSurface
 
-_MEANT = 0.05  # of attention, from which a sample lies on what was inspected
+_INTEREST = 0.05  # of attention, from which a sample lies on what was inspected
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
 
@@ -95,12 +95,12 @@ def _attended(
 
 def _with_fine_samples(flights: Sequence[Attended], skin: Skin, settings: Settings, memo: Memo) -> list[Take]:
     """The takes with fine samples of what was inspected, and of the counterparts of all of that."""
-    pair, meant = flights[0].pair, [one.weight > _MEANT for one in flights]
+    pair, zones = flights[0].pair, [one.weight > _INTEREST for one in flights]
     counterparts = np.zeros(len(pair.surface.target), bool)
-    for one, mine in zip(flights, meant, strict=True):
+    for one, mine in zip(flights, zones, strict=True):
         index = one.pair.surface.correspondences.target_index
         counterparts[index[mine & (index >= 0)]] = True
-    source = grained(pair.source, pair.surface.source, np.any(meant, axis=0), settings.clouds, memo)
+    source = grained(pair.source, pair.surface.source, np.any(zones, axis=0), settings.clouds, memo)
     target = grained(pair.target, pair.surface.target, counterparts, settings.clouds, memo)
     takes = []
     for one in flights:

@@ -38,7 +38,7 @@ from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, v
 from upplied.records import Bools, Floats, Measures, SurfaceStates, Trajectory
 
 FRECHET = 1e-4  # of the distances of paths, to which they are known: a decision fewer for each half of it
-_KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
+_TOLERANCE = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _VIEWPOINTS = 200  # viewpoints, at most, whose stand-off is asked for
 
@@ -129,7 +129,7 @@ def _standoff_kept(
         ratio = standoff.distance(places) / standoff.wanted_m
         ratios.append(ratio[np.isfinite(ratio)])
     off = np.abs(np.concatenate(ratios) - 1)
-    return 100 * float(np.mean(off <= _KEPT)) if len(off) else float("nan")
+    return 100 * float(np.mean(off <= _TOLERANCE)) if len(off) else float("nan")
 
 
 def _seen(takes: Sequence[Take], settings: Settings, truly: bool) -> InspectedSurface:

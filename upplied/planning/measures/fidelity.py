@@ -88,15 +88,15 @@ def fidelity(of: Compared) -> dict[str, float]:
 
 def _compared(patches: Patches, looks: Looks, inspected: InspectedSurface) -> dict[str, float]:
     weight, at, shown = patches.weight, patches.target, patches.shown
-    near, frontal, held = looks.sampled_m[at], looks.frontal[at], looks.held_s[at]
+    near, frontal, dwell = looks.sampled_m[at], looks.frontal[at], looks.held_s[at]
     ratio = inspected.standoff_m[at] / near  # 0 where the plan has no look
     # The least incidence, deg; 90 where there is no look.
     before, after = (np.degrees(np.arccos(np.clip(of, 0.0, 1.0))) for of in (shown.frontal, frontal))
     mine = shown.sides & widened(looks.sides)[at]
     possible = float(weight @ shown.sides.sum(axis=1))
     lasted = shown.held_s > 0
-    held_share = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
-    both = lasted & (held > 0)
+    held_share = np.minimum(dwell[lasted] / shown.held_s[lasted], 1.0)
+    both = lasted & (dwell > 0)
     return {
         "fidelity_resolution_p50": weighted_percentile(ratio, weight, 50),
         "fidelity_resolution_p05": weighted_percentile(ratio, weight, 5),

@@ -66,8 +66,8 @@ def picture_worth(
     """
     axes = np.ascontiguousarray(matrices(steps.poses.quat_xyzw).transpose(0, 2, 1))
     moving = steps.poses.positions, axes, steps.velocity, steps.turn
-    given = (*moving, cloud.points, cloud.outward, desired_m, pixel)
-    arrays = tuple(np.ascontiguousarray(of, float) for of in given)
+    arguments = (*moving, cloud.points, cloud.outward, desired_m, pixel)
+    arrays = tuple(np.ascontiguousarray(of, float) for of in arguments)
     return _best(np.ascontiguousarray(seen), exposure_s, arrays)
 
 

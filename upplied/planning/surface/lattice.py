@@ -78,8 +78,8 @@ def spacing_for(structure: Structure, area_m2: float, number: float) -> float:
 
     It is one of few, so that a little more surface is not sampled elsewhere.
     """
-    wanted = np.sqrt(_FACING * max(area_m2, 1e-12) / max(number, 1.0))
-    step = np.round(_STEPS * np.log2(structure.diagonal_m / wanted))
+    spacing = np.sqrt(_FACING * max(area_m2, 1e-12) / max(number, 1.0))
+    step = np.round(_STEPS * np.log2(structure.diagonal_m / spacing))
     return float(structure.diagonal_m * 2.0 ** (-step / _STEPS))
 
 

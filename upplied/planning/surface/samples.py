@@ -59,12 +59,12 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     """
     if len(structure.triangles):
         floor, pieces = floor_of(structure), mesh_pieces(structure)
-        wanted = _SPARE * settings.surface_samples
-        spacing_m = spacing_for(structure, float(triangle_areas(structure).sum()), wanted / _SPARE)
+        number = _SPARE * settings.surface_samples
+        spacing_m = spacing_for(structure, float(triangle_areas(structure).sum()), number / _SPARE)
         few = lattice(structure, spacing_m)
         # A hidden inside takes some of them: so many more are needed.
         outside = float(few.area[_outside(few, pieces, structure, scene, floor)[0]].sum())
-        lines = lattice(structure, spacing_for(structure, outside, wanted))
+        lines = lattice(structure, spacing_for(structure, outside, number))
         index, normals = _outside(lines, pieces, structure, scene, floor)
         chosen = np.flatnonzero(lines.coarse[index])
         points, area, piece = lines.points[index], lines.area[index], pieces[lines.triangle[index]]
@@ -137,7 +137,7 @@ def beside(cloud: Cloud, region: Bools) -> Bools:
     return np.asarray(region | (near < TOUCH * spacing(cloud)), bool)
 
 
-def with_fine(structure: Structure, scene: Scene, cloud: Cloud, meant: Bools) -> tuple[Cloud, Ints]:
+def with_fine(structure: Structure, scene: Scene, cloud: Cloud, zone: Bools) -> tuple[Cloud, Ints]:
     """A structure's samples, with at least `FINE` on what is meant, (N,) of the even samples `cloud`.
 
     Returns
@@ -148,11 +148,11 @@ def with_fine(structure: Structure, scene: Scene, cloud: Cloud, meant: Bools) ->
         The even sample that each is, or lies nearest to and faces like.
     """
     own = np.arange(len(cloud))
-    if not meant.any() or meant.sum() >= FINE:
+    if not zone.any() or zone.sum() >= FINE:
         return cloud, own
-    region = beside(cloud, meant)
+    region = beside(cloud, zone)
     area = cloud.areas
-    number = min(FINE * area[region].sum() / area[meant].sum(), _MOST)
+    number = min(FINE * area[region].sum() / area[zone].sum(), _MOST)
     if len(structure.triangles):
         points, normals, like, weight, chosen = _on_mesh(structure, scene, cloud, region, number)
     else:

@@ -142,7 +142,7 @@ def _looked(
     points, normals, coarsest = surface
     sharp, least_cosine, flat = limits
     carry, directions = compared
-    sampled, reached, frontal, held, time, sides = every
+    sampled, reached, frontal, dwell, time, sides = every
     looks, depth, moved, finest = fine
     ray, carried, swept = np.empty(3), np.empty(3), np.empty(3)
     for pose in range(len(positions)):
@@ -157,7 +157,7 @@ def _looked(
             if speed > sharp:
                 continue
             frontal[index] = max(frontal[index], cosine)
-            held[index] += step_s[pose]
+            dwell[index] += step_s[pose]
             time[index] += step_s[pose] * t_s[pose]
             squared = 0.0
             for row in range(3):
