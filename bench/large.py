@@ -210,7 +210,7 @@ def machine(catalog: Catalog, number: str, most: str, pairs: str) -> str:
     """What a machine of the pool does with its shards, one after the other."""
     scale.clock()
     total, location = fleet.Result(), str(catalog.location)
-    names = sorted(path.name for path in Path(location, planner.FOLDER, "large").iterdir())
+    names = sorted(path.name for path in Path(catalog.shards.path("large")).iterdir())
     for name in names[int(number) :: MACHINES][: int(most)]:
         jobs = planner.read_shard(location, f"large/{name}")
         _, missing = fleet.known_outcomes(catalog, jobs, "large")
