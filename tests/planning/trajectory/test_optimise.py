@@ -47,7 +47,7 @@ def along(y: float = -6.0, yaw: float = np.pi / 2, height: float = 4.0) -> Flown
 def problem(view: View, path: Flown, **changes) -> Problem:
     foot = (path.positions[::5] * [1, 0, 1])[:, None]
     standoff = Standoff(np.arange(0, COUNT, 5), foot, np.abs(path.positions[::5, 1]))
-    made = Problem(
+    base = Problem(
         starts=(Start(path, path),),
         demonstrated=Shape.of(path.positions, np.eye(3)),
         view=view,
@@ -58,7 +58,7 @@ def problem(view: View, path: Flown, **changes) -> Problem:
         pan_radps=0.2,
         aside_rad=np.zeros(COUNT),
     )
-    return replace(made, **changes)
+    return replace(base, **changes)
 
 
 def shown(view: View, path: Flown) -> float:
@@ -66,8 +66,8 @@ def shown(view: View, path: Flown) -> float:
     return 1 - float(view.need[view.missed(path.positions, quats)].sum())
 
 
-def result(view: View, asked: Problem, shape: float = 0.3, **weights) -> Flown:
-    return optimise(asked, shape, replace(OptimiseSettings(), **weights)).path
+def result(view: View, task: Problem, shape: float = 0.3, **weights) -> Flown:
+    return optimise(task, shape, replace(OptimiseSettings(), **weights)).path
 
 
 def test_it_shows_more_of_what_a_flight_too_low_misses(wall: View):
@@ -77,8 +77,8 @@ def test_it_shows_more_of_what_a_flight_too_low_misses(wall: View):
 
 
 def test_the_same_again_gives_the_same_bytes(wall: View):
-    asked = problem(wall, along(height=3.0))
-    first, second = result(wall, asked), result(wall, asked)
+    task = problem(wall, along(height=3.0))
+    first, second = result(wall, task), result(wall, task)
     assert first.positions.tobytes() == second.positions.tobytes()
     assert first.yaw.tobytes() == second.yaw.tobytes()
 
@@ -128,8 +128,8 @@ def test_where_nothing_is_needed_the_path_is_the_carried_one(wall: View):
 def test_a_heavier_shape_strays_less(wall: View):
     frontal = replace(wall, settings=VisibilitySettings(occlusion=True, max_incidence_deg=50))
     path = along(y=-3.0)  # from here the upper rows are seen too obliquely, wherever the camera looks
-    asked = problem(frontal, path)
-    loose, strict = (result(frontal, asked, shape) for shape in (0.01, 10.0))
+    task = problem(frontal, path)
+    loose, strict = (result(frontal, task, shape) for shape in (0.01, 10.0))
     assert shown(frontal, loose) > shown(frontal, path) + 0.1
     one = Shape.of(path.positions, np.eye(3))
     assert one.value(strict)[0] < one.value(loose)[0]
@@ -189,10 +189,10 @@ def test_a_path_that_shows_all_is_left_where_its_camera_looks_past_what_was_insp
 def test_of_several_starts_the_best_is_taken(wall: View):
     """The first looks away from the wall; neither the order nor a start that shows nothing matters."""
     away, good = along(yaw=-np.pi / 2), along()
-    asked = problem(wall, good)
-    best = result(wall, replace(asked, starts=(Start(good, good),)))
+    task = problem(wall, good)
+    best = result(wall, replace(task, starts=(Start(good, good),)))
     for starts in ((away, good), (good, away)):
-        done = result(wall, replace(asked, starts=tuple(Start(path, path) for path in starts)))
+        done = result(wall, replace(task, starts=tuple(Start(path, path) for path in starts)))
         np.testing.assert_array_equal(done.yaw, best.yaw)
 
 
@@ -205,8 +205,8 @@ def test_a_start_that_nothing_improves_is_kept(wall: View):
     """It shows all that is asked for already, and where its camera looks costs nothing."""
     path = along(yaw=np.pi / 2 + 0.3)
     seen = wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), np.arange(len(wall.need)))
-    asked = problem(replace(wall, need=seen / seen.sum(), inspected=seen), path)
-    done = optimise(asked, 0.3, OptimiseSettings(axis=0.0))
+    task = problem(replace(wall, need=seen / seen.sum(), inspected=seen), path)
+    done = optimise(task, 0.3, OptimiseSettings(axis=0.0))
     np.testing.assert_array_equal(done.variables, done.state.nearest(path))
 
 

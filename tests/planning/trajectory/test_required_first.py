@@ -53,17 +53,17 @@ def path(y: float = -4.0) -> Flown:
     return Flown(np.column_stack([x, np.full(14, y), np.full(14, 4.0)]), np.full(14, np.pi / 2), np.zeros(14))
 
 
-def first(view: View, asked: RequiredSurface, flown: Flown, usual_m: float = 4.0) -> View:
-    return required_first(view, asked, flown, Airspace(view.scene, 1.0, Surroundings()), usual_m, 10.0)
+def first(view: View, chosen: RequiredSurface, flown: Flown, usual_m: float = 4.0) -> View:
+    return required_first(view, chosen, flown, Airspace(view.scene, 1.0, Surroundings()), usual_m, 10.0)
 
 
 def test_a_zone_counts_so_many_times_what_was_inspected():
     view = wall()
     zone = (view.cloud.points[:, 0] > 5) & (view.cloud.points[:, 2] > 5)
-    found = first(view, required(view, zone), path())
-    assert found.need.sum() == pytest.approx(1)
-    assert found.need[zone].min() == pytest.approx(10 * found.need[view.inspected].max())
-    assert found.inspected[zone].all() and not found.inspected[~zone & ~view.inspected].any()
+    actual = first(view, required(view, zone), path())
+    assert actual.need.sum() == pytest.approx(1)
+    assert actual.need[zone].min() == pytest.approx(10 * actual.need[view.inspected].max())
+    assert actual.inspected[zone].all() and not actual.inspected[~zone & ~view.inspected].any()
     both = first(view, required(view, zone | view.inspected), path())
     assert both.need[view.inspected].min() == pytest.approx(1.1 * both.need[zone].min())
 
@@ -109,10 +109,10 @@ def planned(engines, zone: np.ndarray | None):
     if zone is None:
         return plan_transfer(flight, source, target, settings_for("recommended"))
     full = np.full(len(zone), 1.0)
-    asked = RequiredSurface(surface.points, surface.normals, zone, np.inf * full, 90 * full)
+    chosen = RequiredSurface(surface.points, surface.normals, zone, np.inf * full, 90 * full)
     assert zone.sum() > 20
     settings = settings_for("recommended", required={"zones": "asked"})
-    return plan_transfer(flight, source, target, settings, required=asked)
+    return plan_transfer(flight, source, target, settings, required=chosen)
 
 
 @pytest.mark.slow
@@ -121,13 +121,14 @@ def test_a_plan_shows_more_of_a_zone_that_it_is_asked_for_and_no_less_of_what_wa
     low, size = surface.points.min(axis=0), np.ptp(surface.points, axis=0)
     share = (surface.points - low) / size
     wing = (share[:, 0] > 0.3) & (share[:, 0] < 0.7) & (share[:, 1] > 0.5) & (share[:, 2] < 0.5)
-    usual, asked = planned(engines, None), planned(engines, wing)
+    usual, wing_first = planned(engines, None), planned(engines, wing)
     shown = [
-        looks_of(each.trajectory, surface, flight.camera, scene).seen[wing].mean() for each in (usual, asked)
+        looks_of(each.trajectory, surface, flight.camera, scene).seen[wing].mean()
+        for each in (usual, wing_first)
     ]
     assert shown[1] > shown[0] + 0.2
-    assert asked.measures.coverage_inspected_pct > usual.measures.coverage_inspected_pct - 3
-    assert asked.measures.min_clearance_m >= 2.0 and asked.flyable
+    assert wing_first.measures.coverage_inspected_pct > usual.measures.coverage_inspected_pct - 3
+    assert wing_first.measures.min_clearance_m >= 2.0 and wing_first.flyable
     # what faces the other side is beyond this flight: the plan is as if nobody had asked
     beyond = (surface.normals[:, 1] < -0.8) & (share[:, 1] < 0.45)
     tail = (share[:, 0] < 0.2) & (share[:, 2] > 0.55)  # in sight, but far
@@ -140,6 +141,6 @@ def test_zones_that_are_named_and_not_given_are_no_plan(engines):
     named = settings_for("recommended", required={"zones": "asked"})
     with pytest.raises(SettingsError, match="no surface is given"):
         plan_transfer(flight, source, target, named)
-    asked = required(replace(wall(), cloud=surface), np.ones(len(surface), bool))
+    chosen = required(replace(wall(), cloud=surface), np.ones(len(surface), bool))
     with pytest.raises(SettingsError, match="a surface is given"):
-        plan_transfer(flight, source, target, settings_for("recommended"), required=asked)
+        plan_transfer(flight, source, target, settings_for("recommended"), required=chosen)

@@ -65,8 +65,8 @@ def rates(planned: Trajectory) -> dict[str, float]:
 
 
 def assert_within(planned: Trajectory, limits: RetimeSettings) -> None:
-    for name, found in rates(planned).items():
-        assert found <= getattr(limits, name) * (1 + 1e-6) + 1e-7, name
+    for name, actual in rates(planned).items():
+        assert actual <= getattr(limits, name) * (1 + 1e-6) + 1e-7, name
     assert planned.t_s[0] == 0 and (np.diff(planned.t_s) > 0).all()
 
 
@@ -95,10 +95,10 @@ def test_limits_hold_on_any_path(seed: int) -> None:
     assert_within(planned, limits)
     assert len(viewpoint) == len(planned)
     # Each viewpoint is still flown through, in order and looking the same way.
-    wanted, kept = np.flatnonzero(path.is_viewpoint), np.flatnonzero(viewpoint)
-    assert len(kept) == len(wanted)
-    assert planned.positions[kept] == pytest.approx(positions[wanted], abs=1e-9)
-    assert np.abs((planned.quat_xyzw[kept] * quats[wanted]).sum(axis=1)) == pytest.approx(1, abs=1e-9)
+    wanted, stops = np.flatnonzero(path.is_viewpoint), np.flatnonzero(viewpoint)
+    assert len(stops) == len(wanted)
+    assert planned.positions[stops] == pytest.approx(positions[wanted], abs=1e-9)
+    assert np.abs((planned.quat_xyzw[stops] * quats[wanted]).sum(axis=1)) == pytest.approx(1, abs=1e-9)
 
 
 def test_the_expert_is_never_outrun() -> None:
@@ -263,9 +263,9 @@ def test_climbing_and_descending_have_limits_of_their_own() -> None:
     flight = Trajectory(np.arange(201) / 20, mast, np.tile([0.0, 0, 0, 1], (201, 1)))  # 10 m/s
     limits = replace(LIMITS, max_climb_mps=4.0, max_descent_mps=1.5)
     planned, *_ = retime(path_of(flight), flight, limits)
-    found = rates(planned)
-    assert found["max_climb_mps"] == pytest.approx(4, rel=0.01)
-    assert found["max_descent_mps"] == pytest.approx(1.5, rel=0.01)
+    actual = rates(planned)
+    assert actual["max_climb_mps"] == pytest.approx(4, rel=0.01)
+    assert actual["max_descent_mps"] == pytest.approx(1.5, rel=0.01)
     assert planned.t_s[-1] == pytest.approx(50 / 4 + 50 / 1.5, rel=0.12)
 
 

@@ -84,9 +84,9 @@ def turned(swings, total_s=40.0):
 
 def steady_after(swings):
     limits, times, timed = turned(swings)
-    found = steadied_swings(limits, times, timed, np.radians(10))
-    np.testing.assert_array_equal(found.speed_mps, limits.speed_mps)
-    return [bool((found.pan_degps[(times >= a) & (times < b)] < 10).all()) for a, b, _ in swings]
+    actual = steadied_swings(limits, times, timed, np.radians(10))
+    np.testing.assert_array_equal(actual.speed_mps, limits.speed_mps)
+    return [bool((actual.pan_degps[(times >= a) & (times < b)] < 10).all()) for a, b, _ in swings]
 
 
 def test_swings_that_are_rare_are_flown_as_the_expert_flew_them():

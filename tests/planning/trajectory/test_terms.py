@@ -52,11 +52,11 @@ def wall() -> View:
 
 
 def coverage(view: View, path: Flown, width: float) -> Coverage:
-    asked = np.flatnonzero(view.need > 0)
+    chosen = np.flatnonzero(view.need > 0)
     oblique = VisibilitySettings(occlusion=True, max_incidence_deg=88)
     anywhere = replace(view, farthest_m=np.full(len(view.need), 1e3), settings=oblique, least_cosine=None)
-    free = anywhere.reach(path.positions, asked)
-    return Coverage.of(view, asked, view.need[asked], free, width=width)
+    free = anywhere.reach(path.positions, chosen)
+    return Coverage.of(view, chosen, view.need[chosen], free, width=width)
 
 
 def term(name: str, view: View) -> Term:
@@ -88,7 +88,7 @@ def test_slopes_agree_with_finite_differences(name: str, seed: int, wall: View):
     one, path, step = term(name, wall), flown(seed), 1e-6
     value, slope = one.value(path)
     assert value > 0
-    found, expected = [], []
+    actual, expected = [], []
     for field in ("positions", "yaw", "pitch"):
         at = getattr(path, field)
         for index in np.ndindex(at.shape):
@@ -98,10 +98,10 @@ def test_slopes_agree_with_finite_differences(name: str, seed: int, wall: View):
                 moved[index] += sign * step
                 both.append(one.value(replace(path, **{field: moved}))[0])
             expected.append((both[0] - both[1]) / (2 * step))
-            found.append(getattr(slope, field)[index])
+            actual.append(getattr(slope, field)[index])
     scale = np.abs(expected).max()
     assert scale > 0
-    np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-6 * max(scale, 1))
+    np.testing.assert_allclose(actual, expected, rtol=2e-4, atol=2e-6 * max(scale, 1))
 
 
 def test_coverage_is_what_is_missed_sample_by_sample(wall: View):
@@ -133,8 +133,8 @@ def test_coverage_is_what_is_missed_sample_by_sample(wall: View):
 
 def test_coverage_with_sharp_borders_counts_what_is_truly_seen(wall: View):
     path = flown(3)
-    asked = np.flatnonzero(wall.need > 0)
-    seen = wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), asked)
+    chosen = np.flatnonzero(wall.need > 0)
+    seen = wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), chosen)
     assert 0.2 < seen.mean() < 0.95
     missed, _ = coverage(wall, path, 1e-6).value(path)
     # One station shows at most 0.98 of a sample, so a little of what is seen once counts as missed.

@@ -31,8 +31,8 @@ def test_a_sample_is_seen_from_near_enough_alone() -> None:
 
 
 def test_reach_is_what_a_camera_turned_anywhere_would_see() -> None:
-    found = VIEW.reach(AT, np.arange(4))
-    assert found.tolist() == [[True, False, True, False], [True, True, True, False]]
+    actual = VIEW.reach(AT, np.arange(4))
+    assert actual.tolist() == [[True, False, True, False], [True, True, True, False]]
     aside = replace(VIEW, settings=VisibilitySettings(occlusion=False)).reach(AT, np.array([3]))
     assert not aside.any()  # what faces away is never fine enough
 

@@ -75,8 +75,8 @@ class Beside(Record):
         pass and on from it lead round what stands in their `ways`.
         """
         few, lacking = np.flatnonzero(view.need > 0)[:_NEEDED], missed[:_NEEDED]  # each spread evenly
-        asked = np.concatenate([few, lacking])
-        lanes = lanes_beside(path, view, ways.planning, half_rad, asked, most) if len(few) else None
+        samples = np.concatenate([few, lacking])
+        lanes = lanes_beside(path, view, ways.planning, half_rad, samples, most) if len(few) else None
         if lanes is None or len(lanes.station) < 2:
             return None
         shown = lanes.shows[:, :, len(few) :].any(axis=(0, 1))
