@@ -50,6 +50,15 @@ def test_a_doubt_about_much_refuses_where_there_are_others(change: dict[str, obj
     assert doubts([SURE, one]) == (sentence,) and reason in ("", sentence)
 
 
+def test_doubts_about_several_parts_add_up() -> None:
+    """Of four legs of a platform two look alike each: one alone is too small to refuse, both are not."""
+    legs = [replace(DOUBTED, part=f"part_{n}", inspected_pct=pct) for n, pct in ((1, 14.0), (2, 15.0))]
+    lone = replace(DOUBTED, part="part_3", inspected_pct=24.0, twins=0, found=1)
+    assert undecided([lone, legs[0]], settings_of()) == ""  # a part that none is like may be unsure
+    reason = undecided([SURE, lone, *legs], settings_of())
+    assert reason == f"{doubts(legs[1:])[0]}; doubts about 2 parts concern 29 % of what was inspected"
+
+
 def test_a_repetition_of_what_is_doubted_is_refused() -> None:
     alone = replace(DOUBTED, twins=0, found=1)
     assert undecided([alone], settings_of(repeat="each")) == "--repeat each was requested and it is doubted"

@@ -24,7 +24,7 @@ from upplied.planning.surface.parts import Parts, labels_of
 from upplied.records import Counterpart, Floats, Record, Registration
 
 _LEAST = 16  # patches: of fewer nothing is told
-_REFUSED = 0.25  # share of what was inspected from which a doubt about it refuses the plan
+_REFUSED = 0.25  # share of what was inspected from which doubts about it refuse the plan
 _WORTH_SAYING_PCT = 1.0  # of what was inspected of a part, from which it is said that it was never scanned
 
 
@@ -120,18 +120,25 @@ def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
     """Why a plan is refused for ambiguous parts, or another number than expected; empty where it is not.
 
     A part that none is like may be unsure. It is refused where it is the wrong one for as certain as is
-    required of the right one.
+    required of the right one. Doubts about several parts add up.
     """
     rule = settings.correspondence
     wrong = min(rule.least_probability, 1 - rule.least_probability)
-    for one in counterparts:
-        if not one.doubt or one.inspected_pct < 100 * _REFUSED:
-            continue
-        if rule.repeat:
-            return f"--repeat {rule.repeat} was requested and {one.doubt}"
+
+    def counts(one: Counterpart) -> bool:
         mistaken = one.probability is not None and one.probability < wrong
-        if one.twins or one.found > 1 or (one.found and not one.flown) or mistaken:
-            return doubts([one])[0]
+        alike = one.twins or one.found > 1 or (one.found and not one.flown)
+        return bool(one.doubt and (rule.repeat or alike or mistaken))
+
+    unsure = [one for one in counterparts if counts(one)]
+    doubtful_pct = sum(one.inspected_pct for one in unsure)
+    if doubtful_pct >= 100 * _REFUSED:
+        first = max(unsure, key=lambda one: one.inspected_pct)
+        reason = (
+            f"--repeat {rule.repeat} was requested and {first.doubt}" if rule.repeat else doubts([first])[0]
+        )
+        further = f"doubts about {len(unsure)} parts concern {doubtful_pct:.0f} % of what was inspected"
+        return f"{reason}; {further}" if len(unsure) > 1 else reason
     if rule.expect is not None and counterparts and (first := counterparts[0]).found != rule.expect:
         number = f"{first.found} parts like {first.part} are on the target"
         reason = f"{number}, {rule.expect} are expected (correspondence.expect)"

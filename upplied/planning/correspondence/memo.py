@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 from upplied.config import digest
 from upplied.provenance import method
 
-METHOD_VERSION = "37"
+METHOD_VERSION = "38"
 
 R = TypeVar("R")
 
