@@ -248,7 +248,7 @@ class OptimiseSettings:
     # Of control points: stand-offs flown plus radians turned.
     spacing: Annotated[float, Range(0.05, 10)] = 0.6
     rounds: Annotated[int, Range(1, 20)] = 3  # of ray casting
-    iterations: Count = 80  # of the solver in each round, at most: often it settles before
+    iterations: Count = 40  # of the solver in each round, at most
     # Weight of required surface relative to inspected surface of the same area.
     required: Weight = 5.0
     # That represent the surface, two thirds of them on inspected surface.

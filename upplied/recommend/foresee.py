@@ -17,7 +17,7 @@ from numba import njit
 from upplied.geometry.polylines import chosen_evenly
 from upplied.planning.correspondence.correspondences import facing_nearest
 from upplied.planning.correspondence.naming import place_of
-from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
+from upplied.planning.correspondence.part_alignment import aligned_parts, blade_classes, matched, patches
 from upplied.planning.geometry.clouds import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.visibility.observations import TRULY, Views
@@ -86,7 +86,7 @@ def agreement(source: Cloud, target: Cloud, registration: Registration) -> Agree
     registered, diagonal = in_source_frame(target, registration), diagonal_of(source.points)
     matching = matched(source, registered)
     moving, fixed = patches(source, registered, matching)
-    there = aligned_parts(moving, fixed)
+    there = aligned_parts(moving, fixed, blade_classes(source, registered, matching))
     counterpart = facing_nearest(there, fixed, diagonal)
     apart = np.linalg.norm(there.points - fixed.points[counterpart], axis=1)
     counterpart[(there.label < 0) & (apart > _GONE * diagonal)] = -1

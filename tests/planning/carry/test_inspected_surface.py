@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from upplied.planning.carry.inspected_surface import (
     InspectedSurface,
@@ -11,7 +14,7 @@ from upplied.planning.carry.inspected_surface import (
     inspected_surface,
 )
 from upplied.planning.visibility.observations import Views
-from upplied.records import Cloud, Correspondences, Trajectory
+from upplied.records import Cloud, Correspondences, Floats, Trajectory
 
 HERE = Cloud(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 0]]), area_m2=np.arange(1.0, 6.0))
 THERE = Cloud(np.zeros((3, 3)))
@@ -69,3 +72,53 @@ def test_coverage_is_the_share_of_the_need() -> None:
     assert coverage(one, np.array([True, False, True])) == 100
     assert coverage(one, np.array([True, False, True]), whole=True) == 50
     assert coverage(one, np.zeros(3, bool)) == 0
+
+
+def plane(step: float, number: int, seed: int) -> Cloud:
+    """Samples about so far apart on a square, facing up; each stands for the same area."""
+    places = np.stack(np.meshgrid(np.arange(number), np.arange(number), [0.0]), axis=-1).reshape(-1, 3) * step
+    places[:, :2] += np.random.default_rng(seed).uniform(-0.2, 0.2, (len(places), 2)) * step
+    up = np.tile([0.0, 0, 1], (len(places), 1))
+    return Cloud(places, up, np.full(len(places), step**2), np.zeros(len(places), np.int64))
+
+
+def onto(source: Cloud, target: Cloud, places: Floats) -> InspectedSurface:
+    """What the half with x below 5 needs, whose counterparts are at these places."""
+    index = cKDTree(target.points).query(places)[1]
+    match = Correspondences(np.asarray(index, np.int64), np.zeros(len(index)), places)
+    poses = Trajectory(np.zeros(1), np.array([[0.0, 0, 9]]), np.array([[0.0, 0, 0, 1]]))
+    views = Views(poses, (source.points[:, 0] < 5)[None])
+    return inspected_surface(source, target, match, views)
+
+
+def test_on_itself_each_sample_needs_its_own_area() -> None:
+    whole = plane(0.5, 21, 0)
+    surface = onto(whole, whole, whole.points)
+    assert surface.need == pytest.approx(np.where(whole.points[:, 0] < 5, 0.25, 0.0), abs=1e-6)
+    assert surface.without == 0
+
+
+def test_a_counterpart_that_moves_a_little_changes_little() -> None:
+    """Other samples there than here: nobody's nearest is needed like its neighbours."""
+    here, there = plane(0.5, 21, 0), plane(0.4, 26, 1)
+    moved = here.points + np.random.default_rng(2).uniform(-0.005, 0.005, here.points.shape) * [1, 1, 0]
+    before, after = onto(here, there, here.points), onto(here, there, moved)
+    inside = there.points[:, 0] < 4
+    assert before.need[inside] == pytest.approx(np.full(inside.sum(), 0.16))
+    assert np.abs(after.need - before.need).sum() < 0.01 * before.need.sum()
+    assert before.need.sum() == pytest.approx(0.16 * (there.points[:, 0] < 5).sum(), rel=0.03)
+
+
+def test_surface_beside_all_counterparts_and_round_an_edge_is_not_needed() -> None:
+    here = plane(0.5, 21, 0)
+    wall = replace(here, points=here.points[:, [2, 1, 0]], normals=here.outward[:, [2, 1, 0]])
+    longer = np.concatenate([here.points + np.array([20, 0, 0]), wall.points - np.array([0, 0, 0.3])])
+    whole = Cloud(
+        np.concatenate([here.points, longer]),
+        np.concatenate([here.outward, here.outward, -wall.outward]),
+        np.full(3 * len(here), 0.25),
+        np.zeros(3 * len(here), np.int64),
+    )
+    surface = onto(here, whole, here.points)
+    assert surface.need[: len(here)] == pytest.approx(np.where(here.points[:, 0] < 5, 0.25, 0.0), abs=1e-6)
+    assert not surface.need[len(here) :].any()

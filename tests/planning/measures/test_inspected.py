@@ -150,20 +150,27 @@ def test_what_is_asked_for_is_the_best_sharp_look_of_the_demonstration(take: Tak
         facing = ((steps.poses.positions[row] - fit.source.points) * fit.source.normals).sum(axis=1)
         fine = length**2 / np.where(seen[row], facing, np.inf)
         near = np.where(seen[row] & (moved <= sharp), np.minimum(near, fine), near)
-    weight = inspection.attention.weight * fit.source.area_m2
-    need, distance = np.zeros(len(fit.target)), np.zeros(len(fit.target))
-    match, cloud = fit.correspondences, fit.target
+    match, cloud, weight = fit.correspondences, fit.target, inspection.attention.weight
     turned = FACING * np.linalg.norm(np.ptp(cloud.points, axis=0))
-    for sample, index in enumerate(match.target_index):
-        if index >= 0 and weight[sample] > 0 and np.isfinite(near[sample]):
-            off = np.linalg.norm(cloud.points - match.target_points[sample], axis=1)
-            off = np.maximum(
-                np.hypot(off, turned * np.linalg.norm(cloud.normals - cloud.normals[index], axis=1)), 1e-9
-            )
-            round_ = np.argsort(off, kind="stable")[:7]
-            share = (1 / off[round_] - 1 / off[round_[-1]]) ** 2 * (cloud.part[round_] == cloud.part[index])
-            need[round_] += weight[sample] * share / share.sum()
-            distance[round_] += weight[sample] * near[sample] * share / share.sum()
+    mapped = np.flatnonzero(match.target_index >= 0)
+    places, like = match.target_points[mapped], match.target_index[mapped]
+    step = [np.sort(np.linalg.norm(places - place, axis=1))[4] for place in places]
+    step_m = max(np.median(step), np.sqrt(cloud.areas.mean()))
+    need, distance = np.zeros(len(cloud)), np.zeros(len(cloud))
+    for sample, place in enumerate(cloud.points):
+        away = np.linalg.norm(places - place, axis=1)
+        off = np.hypot(away, turned * np.linalg.norm(cloud.normals[like] - cloud.normals[sample], axis=1))
+        round_ = np.argsort(np.maximum(off, 1e-9), kind="stable")[:7]
+        share = (1 / np.maximum(off[round_], 1e-9) - 1 / max(off[round_[-1]], 1e-9)) ** 2
+        share *= cloud.part[like[round_]] == cloud.part[sample]
+        if not share.sum() > 0:
+            continue
+        facing = cloud.normals[like[round_]] @ cloud.normals[sample]
+        beside = np.clip(2 - away[round_].min() / step_m, 0, 1)  # two spacings from all it is nobody's
+        share = share / share.sum() * np.clip(4 * facing - 2, 0, 1) * beside * weight[mapped[round_]]
+        share = np.where(np.isfinite(near[mapped[round_]]), share, 0.0)
+        need[sample] = cloud.areas[sample] * share.sum()
+        distance[sample] = cloud.areas[sample] * (share * np.nan_to_num(near[mapped[round_]], posinf=0)).sum()
     known = need > 0
     assert surface.need.sum() == pytest.approx(need.sum(), rel=0.01)
     off = np.abs(surface.standoff_m[known] / (distance[known] / need[known]) - 1)

@@ -108,7 +108,7 @@ def test_a_strip_that_sticks_out_does_not_widen_a_part() -> None:
     moved = engine + np.array([2.0, 3.0, 0.0])
     longer = np.concatenate([moved, strip])
     partner = Patch(longer, np.tile([0.0, 0, 1], (312, 1)), np.zeros(312, int))
-    np.testing.assert_allclose(aligned_parts(whole, partner).points, moved, atol=0.3)
+    np.testing.assert_allclose(aligned_parts(whole, partner, np.empty(0, np.int64)).points, moved, atol=0.3)
 
 
 def test_a_part_more_stays_without_partner() -> None:

@@ -47,16 +47,24 @@ def test_few_candidates_are_all_kept() -> None:
     assert len(thin(points, normals, 29, 100.0)) <= 29
 
 
-def test_each_area_goes_to_the_nearest_kept_sample_on_its_side() -> None:
+def test_each_area_goes_to_the_nearest_kept_samples_on_its_side() -> None:
     rng = np.random.default_rng(2)
     points, _ = square(80)
     facing = np.where(rng.random((80, 1)) < 0.5, [[0.0, 0, 1]], [[0.0, 0, -1]])
     area, index = rng.uniform(0.5, 2, 80), np.arange(0, 80, 5)
     known = np.zeros(len(index))
     for point, normal, size in zip(points, facing, area, strict=True):
-        order = np.argsort(np.linalg.norm(points[index] - point, axis=1))[:8]
-        mine = [at for at in order if facing[index[at]] @ normal > 0] or [order[0]]
-        known[mine[0]] += size
+        apart = np.maximum(np.linalg.norm(points[index] - point, axis=1), 1e-9)
+        order = np.argsort(apart)[:8]
+        mine = [at for at in order if facing[index[at]] @ normal > 0] or list(order)
+        # Whole at the nearest, and less the farther others are, up to half as far again.
+        part = np.array(
+            [
+                max(0.0, 1 - (apart[at] / apart[mine[0]] - 1) / 0.5) ** 2 if at != mine[0] else 1.0
+                for at in mine
+            ]
+        )
+        known[mine] += size * part / part.sum()
     assert shares(points, facing, area, index) == pytest.approx(known)
     assert shares(points, facing, area, index).sum() == pytest.approx(area.sum())
     alone = shares(points[:3], facing[:3], area[:3], np.array([1]))

@@ -10,7 +10,7 @@ from upplied.config import Settings, focal_px
 from upplied.geometry.vectors import with_normals
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.standoff import carried_sight
-from upplied.planning.constants import FACING
+from upplied.planning.constants import FACING, SAME_FACE
 from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.geometry.clouds import diagonal_of, spacing
 from upplied.planning.surface.parts import labels_of
@@ -18,8 +18,11 @@ from upplied.planning.visibility.looks import Looks, sharp_looks
 from upplied.planning.visibility.observations import Views
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Record
 
-_ROUND = 6  # samples among which a counterpart is shared: a triangle and its neighbours
-_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
+_ROUND = 6  # counterparts between which a sample of the target lies: a triangle and its neighbours
+_CORRESPONDS = 2.0  # spacings of samples from a counterpart, at which target surface corresponds to nothing
+_BESIDE = (
+    4  # counterparts nearest to each, of which the last is a spacing away, also where they are stretched
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,9 +30,9 @@ class InspectedSurface(Record):
     """What a target path should show, since the demonstration was about its counterpart."""
 
     cloud: Cloud  # N points of the target
-    need: Floats  # (N,) how much demonstrated surface corresponds to each: weighted m^2, or points; 0: none
+    need: Floats  # (N,) area of each times the attention of what it corresponds to, m^2; of voxels, points
     standoff_m: Floats  # (N,) from how near it is to be shown, m: the best look; NaN where need is 0
-    without: float  # how much of that surface has no counterpart, in the unit of `need`
+    without: float  # how much of that has no counterpart, in the unit of `need`
 
     @property
     def whole(self) -> float:
@@ -63,7 +66,10 @@ def inspected_surface(
     weight: Floats | None = None,
     near_m: Floats | None = None,
 ) -> InspectedSurface:
-    """Which target points correspond to what the demonstration was about, and for how much of it.
+    """Which target points correspond to what the demonstration was about, and how much of each.
+
+    A sample of the target has the attention of the samples of the source between whose counterparts it lies,
+    so that no millimetre decides which sample a counterpart falls to. Voxels count their counterparts.
 
     Parameters
     ----------
@@ -86,36 +92,52 @@ def inspected_surface(
     near, _ = demonstrated.nearest(source.points, carry=carry)
     if near_m is not None:
         near = np.where(np.isfinite(near_m), near_m, near)
-    index, number = correspondences.target_index[paired], len(target)
-    part = np.ones((len(index), 1))
+    without = float(share[inspected & ~paired].sum())
     if target.normals is None:
-        index = index[:, None]
-    elif len(index):
-        index, part = _spread(target, index, correspondences.target_points[paired])
-    parts = share[paired, None] * part
-    need: Floats = np.bincount(index.ravel(), parts.ravel(), number).astype(float)
-    with np.errstate(invalid="ignore"):
-        standoff = np.bincount(index.ravel(), (near[paired, None] * parts).ravel(), number) / need
-    return InspectedSurface(target, need, standoff, float(share[inspected & ~paired].sum()))
+        index, number = correspondences.target_index[paired], len(target)
+        need: Floats = np.bincount(index, share[paired], number).astype(float)
+        with np.errstate(invalid="ignore"):
+            standoff = np.bincount(index, near[paired] * share[paired], number) / need
+        return InspectedSurface(target, need, standoff, without)
+    between, part = _between(target, correspondences)
+    part = part * (share / source.areas)[between]
+    need = part.sum(axis=1) * target.areas
+    far = np.where(np.isfinite(near), near, 0.0)[between]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        standoff = (part * far).sum(axis=1) / part.sum(axis=1)
+    # What has no counterpart is as much larger on the target as what has one.
+    larger = float(need.sum()) / max(float(share[paired].sum()), 1e-12) if paired.any() else 1.0
+    return InspectedSurface(target, need, standoff, without * larger)
 
 
-def _spread(target: Cloud, index: Ints, points: Floats) -> tuple[Ints, Floats]:
-    """The target samples (P, K) round each counterpart, and the share that each has of it."""
-    # Counterparts (P, 3) lie between samples; one that was given to the nearest alone would go to another one
-    # for a change of a millimetre. The share is whole at a sample, and falls to nothing where the next sample
-    # beyond the K would be (Franke and Little's weights).
-    outward, weight = target.outward, FACING * diagonal_of(target.points)
-    count = min(_ROUND + 1, len(target))
-    tree = cKDTree(with_normals(target.points, outward, weight))
-    away, near = tree.query(with_normals(points, outward[index], weight), k=count)
-    away, near = away.reshape(len(index), count), near.reshape(len(index), count)
-    away = np.maximum(away, 1e-9)
-    part = labels_of(target)
-    share = (1 / away - 1 / away[:, -1:]) ** 2 * (part[near] == part[index][:, None])
+def _between(target: Cloud, correspondences: Correspondences) -> tuple[Ints, Floats]:
+    """The samples of the source (N, K) between whose counterparts each target sample lies, and their shares.
+
+    Shares add up to 1 where the target corresponds to something, and fall to 0 beside it and round its edges.
+    """
+    outward, weight, parts = target.outward, FACING * diagonal_of(target.points), labels_of(target)
+    placed = np.isfinite(correspondences.target_points[:, 0])
+    known = np.flatnonzero((correspondences.target_index >= 0) & placed)
+    if len(known) == 0:
+        return np.zeros((len(target), 1), np.int64), np.zeros((len(target), 1))
+    index, points = correspondences.target_index[known], correspondences.target_points[known]
+    count = min(_ROUND + 1, len(known))
+    tree = cKDTree(with_normals(points, outward[index], weight))
+    away, near = tree.query(with_normals(target.points, outward, weight), k=count)
+    away, near = np.maximum(away.reshape(-1, count), 1e-9), near.reshape(-1, count)
+    # Franke and Little's weights: whole at a counterpart, and nothing where the next beyond the K would be.
+    like = parts[index][near] == parts[:, None]
+    share = (1 / away - 1 / away[:, -1:]) ** 2 * like
+    alone = (share.sum(axis=1) <= 0) & like[:, 0]
+    share[alone, 0] = 1.0
+    beside = cKDTree(points).query(points, k=[min(_BESIDE + 1, len(known))])[0]
+    apart = max(spacing(target), float(np.median(beside)))
     whole = share.sum(axis=1, keepdims=True)
-    alone = whole[:, 0] <= 0
-    near[alone, 0], share[alone, 0] = index[alone], 1.0
-    return near, share / np.where(whole > 0, whole, 1.0)
+    share = np.where(whole > 0, share / np.where(whole > 0, whole, 1.0), 0.0)
+    facing = np.einsum("nki,ni->nk", outward[index][near], outward)
+    gap = np.linalg.norm(points[near] - target.points[:, None], axis=2).min(axis=1, keepdims=True)
+    share *= np.clip(2 * (facing / SAME_FACE - 1), 0, 1) * np.clip(_CORRESPONDS - gap / apart, 0, 1)
+    return known[near], share
 
 
 def demonstrated_looks(take: Take, limits: tuple[float, float]) -> Looks:
@@ -165,28 +187,9 @@ def coverage(inspected: InspectedSurface, seen: Bools, whole: bool = False) -> f
     return 100 * (1 - missed / total) if total > 0 else float("nan")
 
 
-def target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
-    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
-    cloud = inspected.cloud
-    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
-    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
-    for take in takes:
-        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
-        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
-        if not len(known):
-            continue
-        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
-        mine = distance < nearest
-        nearest = np.where(mine, distance, nearest)
-        attention = np.where(mine, weight[known[place]], attention)
-        like = np.where(mine, match.target_index[known[place]], like)
-    return attention, like
-
-
 def area_ratio(takes: Sequence[Take], inspected: InspectedSurface) -> float:
     """How many times as large what corresponds to the inspected surface is; 1 where nothing does."""
-    there = float(inspected.cloud.areas @ target_attention(takes, inspected)[0])
-    here = 0.0
+    there, here = float(inspected.need.sum()), 0.0
     for take in takes:
         fit = take.pair.surface
         known = fit.correspondences.target_index >= 0

@@ -16,7 +16,13 @@ from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import CLEARLY_BETTER, FACING, MAJORITY, SAME_FACE, TOLERANCE, TOUCH
 from upplied.planning.correspondence.coherent_point_drift import ANCHORS, CONTROLS, Drift, Patch, drift
 from upplied.planning.correspondence.naming import Landmarks, pinned_parts, summary_of
-from upplied.planning.correspondence.part_alignment import aligned, alignments, matched, patches
+from upplied.planning.correspondence.part_alignment import (
+    aligned,
+    alignments,
+    blade_classes,
+    matched,
+    patches,
+)
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of, parts_of_both
@@ -89,7 +95,7 @@ def by_parts(
     matching = matched(source, registered, pinned, named)
     moving, fixed = patches(source, registered, matching)
     # Each matched part on its counterpart, and a smooth field besides.
-    matrix, offset, _ = alignments(moving, fixed)
+    matrix, offset, _ = alignments(moving, fixed, blade_classes(source, registered, matching))
     field, smooth = _smooth_field(aligned(moving, matrix, offset), fixed, diagonal_of(source.points))
     control = field.control.points, field.control.label, field.weights, field.reach_m
     step = np.array([spacing(source), spacing(registered)])

@@ -14,7 +14,7 @@ from scipy import ndimage
 from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.naming import place_in
-from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
+from upplied.planning.correspondence.part_alignment import aligned_parts, blade_classes, matched, patches
 from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, nearest_facing, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Cloud, Floats, Record, Registration, Structure
@@ -76,7 +76,8 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     registered = in_source_frame(target, registration)
     here, diagonal = source, diagonal_of(source.points)
     if blades_of(source).any() and blades_of(registered).any():
-        moved = aligned_parts(*patches(source, registered, matched(source, registered)), turned_only=True)
+        both = source, registered, matched(source, registered)
+        moved = aligned_parts(*patches(*both), blade_classes(*both), turned_only=True)
         here = Cloud(moved.points, moved.normals, source.area_m2, source.part)
     # Share of the cells of either that are at most one cell from the other's.
     low = np.minimum(here.points.min(axis=0), registered.points.min(axis=0))

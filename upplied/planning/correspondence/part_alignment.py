@@ -55,11 +55,18 @@ def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch
     )
 
 
-def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
+def blade_classes(source: Cloud, registered: Cloud, matching: Matching) -> Ints:
+    """The classes of parts that are blades on both structures, and may point anywhere."""
+    sides = (source, matching.source_class), (registered, matching.target_class)
+    here, there = (classes[parts_of(cloud).blade] for cloud, classes in sides)
+    return np.intersect1d(here, there)
+
+
+def alignments(moving: Patch, fixed: Patch, blades: Ints) -> tuple[Floats, Floats, Bools]:
     """The affine map of each class of parts onto its counterparts, and one more row that changes nothing.
 
     Matrices (C + 1, 3, 3), offsets (C + 1, 3), m, and which classes (C + 1,) turned, as the blades of a rotor
-    that stopped elsewhere do.
+    that stopped elsewhere do. The classes `blades` may: a wing that is swept otherwise has not turned.
     """
     number = int(moving.label.max(initial=-1)) + 1
     matrix, offset = np.tile(np.eye(3), (number + 1, 1, 1)), np.zeros((number + 1, 3))
@@ -69,7 +76,7 @@ def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
         if not mine.any() or not theirs.any():
             continue
         part, partner = moving.points[mine], fixed.points[theirs]
-        turn = _turned(part, moving.points, partner, fixed.points)
+        turn = _turned(part, moving.points, partner, fixed.points) if label in blades else None
         turned[label] = turn is not None
         if turn is None:
             # Do extents differ by more than those of counterparts do: along the axes, and along their own?
@@ -92,9 +99,9 @@ def aligned(moving: Patch, matrix: Floats, offset: Floats) -> Patch:
     return Patch(points, normals / np.maximum(length, 1e-12), moving.label)
 
 
-def aligned_parts(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
+def aligned_parts(moving: Patch, fixed: Patch, blades: Ints, turned_only: bool = False) -> Patch:
     """Each matched part aligned with its counterpart; only those that turned, if asked."""
-    matrix, offset, turned = alignments(moving, fixed)
+    matrix, offset, turned = alignments(moving, fixed, blades)
     if turned_only:
         matrix[~turned], offset[~turned] = np.eye(3), 0.0
     return aligned(moving, matrix, offset)

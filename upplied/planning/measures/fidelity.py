@@ -15,7 +15,6 @@ from upplied.planning.carry.inspected_surface import (
     demonstrated_looks,
     inspected_by,
     inspected_surface,
-    target_attention,
 )
 from upplied.planning.demonstration.repetition import Take, begins_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
@@ -215,36 +214,29 @@ class Shown(Record):
     inspected: InspectedSurface
     as_well: Bools  # (N,) of the target's samples: shown at least as well as is asked
     never: Bools  # (N,) asked for, and no allowed camera could
-    attention: Floats  # (N,) attention, 0 to 1, of what each target sample corresponds to, asked for or not
 
 
 def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
     """What a plan shows at least as well as the demonstration, in one look each.
 
-    A look does where it is near enough, frontal enough, and slow enough to be sharp. Target surface that
-    corresponds to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
-    `planned` is what the plan truly sees of the target's surface samples.
+    A look does where it is near enough, frontal enough, and slow enough to be sharp. `planned` is what the
+    plan truly sees of the target's surface samples.
     """
     pair, rule = takes[0].pair, settings.inspection
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     cloud = inspected.cloud
-    attention, like = target_attention(takes, inspected)
-    wanted_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
-    farthest = wanted_m / rule.least_resolution
+    farthest = inspected.standoff_m / rule.least_resolution
     as_well = planned.shown_well(cloud, farthest, *look_limits(takes, rule))
     missed = np.flatnonzero((inspected.need > 0) & ~as_well)
     never = np.zeros(len(cloud), bool)
     camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
     never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
-    return Shown(inspected, as_well, never, attention)
+    return Shown(inspected, as_well, never)
 
 
 def inspected_measures(shown: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
     """The coverages of the inspected surface, there and back, and of what else was seen."""
-    inspected, cloud = shown.inspected, shown.inspected.cloud
-    area = cloud.areas
-    attended = area * shown.attention
-    whole = float(attended.sum())
+    inspected = shown.inspected
     rest = [
         inspected_surface(
             take.pair.surface.source,
@@ -262,7 +254,7 @@ def inspected_measures(shown: Shown, planned: Views, takes: Sequence[Take]) -> d
         "inspected_unattainable_pct": (
             100 * float(inspected.need[shown.never].sum()) / inspected.whole if inspected.whole > 0 else nan
         ),
-        "coverage_of_target_pct": (100 * float(attended[shown.as_well].sum()) / whole if whole > 0 else nan),
+        "coverage_of_target_pct": coverage(inspected, shown.as_well),
         "coverage_context_pct": coverage(InspectedSurface.together(rest), planned.total),
     }
 
@@ -274,7 +266,7 @@ def surface_states(shown: Shown) -> SurfaceStates:
     a rim that hardly matters to the coverage does not look like a hole in it.
     """
     need, cloud = shown.inspected.need, shown.inspected.cloud
-    well = shown.as_well & ((need > 0) | (shown.attention > 0.5))
+    well = shown.as_well & (need > 0)
     lost = np.flatnonzero((need > 0) & ~shown.as_well)
     lost = lost[np.argsort(-need[lost] / cloud.areas[lost], kind="stable")]
     painted = np.cumsum(cloud.areas[lost])

@@ -145,7 +145,7 @@ def of_surface(
     if seen.without_pct >= 1:
         yield (
             f"{seen.without_pct:.0f} % of what the demonstration saw has no counterpart on the target: "
-            f"{seen.without:.0f} m2 of the source's surface"
+            f"{seen.without:.0f} m2 at the target's size"
         )
     if (short := measures.coverage_attainable_pct - measures.coverage_seen_pct) > 5:
         yield f"{short:.0f} % of the surface that a camera could see here is not seen"

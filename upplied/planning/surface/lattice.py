@@ -22,7 +22,7 @@ _HEADING = 0.56  # rad, of the first horizontal lattice
 _TILT = 0.41  # rad, of the rows in each lattice
 _STEPS = 4  # spacings from one to the one that is half of it
 _FACING = 0.85  # mean cosine between a surface and the lines that cross it
-_ALIKE = 1e-6  # share by which distances may differ and be equal
+_AS_NEAR = 0.5  # times the nearest kept sample's distance, by which another may be farther and have a share
 _MOST_VOXELS = 2**20  # of a box, that are counted one by one
 
 
@@ -228,14 +228,16 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
 def shares(points: Floats, normals: Floats, area: Floats, chosen: Ints) -> Floats:
     """The area (K,) of all candidates, each given to the nearest kept samples on its own side.
 
-    On a grid many candidates are as near to four: they are given to all of them, and no last bit decides.
+    On a grid many candidates are as near to four. They share it by how near they are: no millimetre decides.
     """
     distance, near = cKDTree(points[chosen]).query(points, k=[*range(1, min(8, len(chosen)) + 1)])
     facing = np.einsum("nki,ni->nk", normals[chosen][near], normals) > 0
     facing[~facing.any(axis=1)] = True
     distance = np.where(facing, distance, np.inf)
-    alike = distance <= (1 + _ALIKE) * distance.min(axis=1, keepdims=True)
-    parts = alike * (area / alike.sum(axis=1))[:, None]
+    nearest = distance.min(axis=1, keepdims=True)
+    beyond = (distance - nearest) / np.maximum(_AS_NEAR * nearest, 1e-12)
+    parts = np.maximum(1 - beyond, 0) ** 2
+    parts *= (area / parts.sum(axis=1))[:, None]
     return np.asarray(np.bincount(near.ravel(), parts.ravel(), minlength=len(chosen)), float)
 
 

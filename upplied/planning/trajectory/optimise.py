@@ -2,9 +2,8 @@
 
 The state is a smooth displacement of a start and of its camera's directions. Every problem is a term, a file
 in `terms`, with a weight that says what its unit is worth as a share of the surface to be shown
-(`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. Of several starts the one
-that is worth most is optimised, among equals the carried path itself. That is flown as it is where the result
-is worth no more.
+(`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. The carried path is
+optimised, unless another start is clearly worth more, and flown as it is where the result is worth no more.
 """
 
 from collections.abc import Sequence
@@ -27,10 +26,12 @@ from upplied.records import Bools, Floats, Ints, Record
 
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _CORRECTIONS = 12  # that L-BFGS keeps
+_MOVED = 0.5  # stand-offs that count as much as a radian turned: the solver settles in half the steps
 _FURTHER = 3  # rounds at most, while the path still comes too near
 _DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
 #: Of the need, by which one path is no better than another: as near as coverage is known.
 ALIKE = 0.01
+_CLEARLY = 0.1  # of the need, by which another start is worth more: a few hundredths say nothing of the ends
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -110,7 +111,8 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
     first = [search.value(search.first, search.first_sight) for search in searches]
-    carried, search = searches[0], searches[as_good(first)[0]]
+    best = int(np.argmax(first))
+    carried, search = searches[0], searches[best if first[best] > first[0] + _CLEARLY else 0]
     worth, variables = search.improved()
     least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
     if worth < carried.worth(carried.first, carried.first_sight) + ALIKE or search.shown(variables) < least:
@@ -246,7 +248,7 @@ def _state(problem: Problem, start: Start, weights: OptimiseSettings) -> State:
     """As many control points as the path has stand-offs and the camera radians, times their density."""
     controls = round(_progress(problem, start.safe) / weights.spacing)
     controls = int(np.clip(controls, 4, max(len(start.safe) // 2, 4)))
-    unit_m = np.full(3, problem.demonstrated.unit_m)
+    unit_m = np.full(3, _MOVED * _standoff_m(problem))
     if problem.level:
         unit_m[2] = 0.0
     return State.of(start.mapped, unit_m, controls)
