@@ -122,3 +122,14 @@ def test_surface_beside_all_counterparts_and_round_an_edge_is_not_needed() -> No
     surface = onto(here, whole, here.points)
     assert surface.need[: len(here)] == pytest.approx(np.where(here.points[:, 0] < 5, 0.25, 0.0), abs=1e-6)
     assert not surface.need[len(here) :].any()
+
+
+def test_what_comes_to_nothing_has_no_counterpart() -> None:
+    """All of it is reported, so that such a pair is refused."""
+    here = plane(0.5, 21, 0)
+    away = replace(here, normals=-here.outward)
+    match = Correspondences(np.full(441, -1), np.zeros(441), np.full((441, 3), np.nan))
+    poses = Trajectory(np.zeros(1), np.array([[0.0, 0, 9]]), np.array([[0.0, 0, 0, 1]]))
+    surface = inspected_surface(here, away, match, Views(poses, (here.points[:, 0] < 5)[None]))
+    assert not surface.need.any() and surface.without_pct == 100
+    assert surface.without == pytest.approx(0.25 * (here.points[:, 0] < 5).sum())

@@ -20,9 +20,7 @@ from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Record
 
 _ROUND = 6  # counterparts between which a sample of the target lies: a triangle and its neighbours
 _CORRESPONDS = 2.0  # spacings of samples from a counterpart, at which target surface corresponds to nothing
-_BESIDE = (
-    4  # counterparts nearest to each, of which the last is a spacing away, also where they are stretched
-)
+_BESIDE = 4  # counterparts nearest to each: the last is a spacing away, also where they are stretched
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,8 +103,10 @@ def inspected_surface(
     far = np.where(np.isfinite(near), near, 0.0)[between]
     with np.errstate(invalid="ignore", divide="ignore"):
         standoff = (part * far).sum(axis=1) / part.sum(axis=1)
+    if not need.any():
+        return InspectedSurface(target, need, standoff, float(share.sum()))
     # What has no counterpart is as much larger on the target as what has one.
-    larger = float(need.sum()) / max(float(share[paired].sum()), 1e-12) if paired.any() else 1.0
+    larger = float(need.sum()) / max(float(share[paired].sum()), 1e-12)
     return InspectedSurface(target, need, standoff, without * larger)
 
 
