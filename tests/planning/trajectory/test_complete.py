@@ -92,9 +92,9 @@ def test_on_the_demonstrated_structure_the_camera_looks_aside_as_far_as_the_expe
     settings = settings_for("recommended")
     assert plan_transfer(fly(source, "hull"), source, source, settings).status == "refused"
     (problem,) = problems
-    path, stations = problem.starts[0].safe, len(problem.starts[0].safe)
+    path, stations = problem.starts[0], len(problem.starts[0])
     sampled = problem.view.sampled(settings.optimise.samples)
-    sight = Sight.of(path, 1, problem.view, *sampled, problem.aside_rad)
+    sight = Sight.of(path, problem.view, *sampled, problem.aside_rad)
     assert sight.axis.value(path)[0] == pytest.approx(0, abs=1e-5)
     straight = replace(sight.axis, demonstrated=np.zeros(stations))  # round bow and stern the expert did
     assert straight.value(path)[0] > 0.01
@@ -130,25 +130,32 @@ def test_a_path_that_is_not_safe_within_a_bound_is_refused():
         bounded(shape, shape, 0.1, safe=lambda positions: positions + aside)
 
 
-@pytest.mark.parametrize(("more", "flown"), [(-0.005, False), (0.005, False), (0.015, True)])
-def test_passes_are_flown_only_where_they_show_a_percent_more(monkeypatch, more: float, flown: bool):
+@pytest.mark.parametrize(
+    ("more", "taken_s", "flown"),
+    [(-0.005, 110, False), (0.005, 110, False), (0.015, 110, True), (0.015, 150, False), (0.03, 150, True)],
+)
+def test_passes_are_flown_where_they_show_a_percent_more_and_pay_for_their_time(
+    monkeypatch, more: float, taken_s: float, flown: bool
+):
+    """Half as long again has to show a twentieth of that, 2.5 points more."""
     alone, longer = (SimpleNamespace(positions=0, quat_xyzw=0) for _ in range(2))
-    result, nothing = Result(longer, 150.0, 0.95 + more), SimpleNamespace(path=None, origin=None, added=None)
+    result, nothing = (
+        Result(longer, taken_s, 0.95 + more),
+        SimpleNamespace(path=None, origin=None, added=None),
+    )
     monkeypatch.setattr(Beside, "of", lambda *_: SimpleNamespace())
     monkeypatch.setattr(Extended, "alone", lambda _: nothing)
-    for name, value in (("_longer", nothing), ("_half_rad", 0.3), ("optimise", None)):
+    for name, value in (("_longer", nothing), ("_pace", None), ("_half_rad", 0.3), ("optimise", None)):
         monkeypatch.setattr(complete, name, lambda *_, value=value: value)
     flyable = SimpleNamespace(
         settings=settings_for("recommended"),
         carried=SimpleNamespace(take=None),
         ways=None,
         seconds_of=lambda _: 100.0,
-        in_time=lambda *_: (result, result),
+        in_time=lambda *_: result,
     )
     problem = SimpleNamespace(
-        starts=[SimpleNamespace(safe=None)],
-        speed_mps=np.ones(1),
-        pan_radps=1.0,
+        starts=[None],
         view=SimpleNamespace(missed=lambda *_: []),
         along=lambda *_: None,
     )

@@ -28,7 +28,7 @@ class Drawn:
         return Drawn(share)
 
 
-def in_time(seconds: Callable[[float], float], limit_s: float) -> tuple[Result, Result]:
+def in_time(seconds: Callable[[float], float], limit_s: float) -> Result:
     class Stub(Flyable):
         def finished(self, result: Any, origin: Any, added: Any) -> Any:
             return result.share
@@ -44,43 +44,41 @@ def in_time(seconds: Callable[[float], float], limit_s: float) -> tuple[Result, 
 
 
 def test_what_fits_is_flown_as_it_is() -> None:
-    fitting, whole = in_time(lambda share: 100 * share, 100.0)
-    assert fitting is whole and whole.taken_s == 100 and whole.shown == 1
+    whole = in_time(lambda share: 100 * share, 100.0)
+    assert whole.taken_s == 100 and whole.shown == 1
 
 
 def test_what_takes_too_long_is_drawn_back_to_within_a_sixteenth() -> None:
-    fitting, whole = in_time(lambda share: 100 + 100 * share, 163.0)
-    assert whole.taken_s == 200 and whole.shown == 1
+    fitting = in_time(lambda share: 100 + 100 * share, 163.0)
     assert fitting.taken_s == pytest.approx(162.5) and fitting.shown == 0.5 + 0.625 / 2
-    fitting, _ = in_time(lambda share: 100 + 100 * share, 157.0)
+    fitting = in_time(lambda share: 100 + 100 * share, 157.0)
     assert 157 - 100 / 16 < fitting.taken_s <= 157
 
 
 def test_what_takes_a_percent_longer_has_to_show_a_percent_more() -> None:
     """The stub shows half a percent more for each percent of the way: at 30 s for it, or 80, in 100 s."""
-    fitting, whole = in_time(lambda share: 75 + 30 * share, 100.0)
-    assert fitting is whole and whole.taken_s == 105 and whole.worth(100.0) == pytest.approx(0.95)
-    fitting, whole = in_time(lambda share: 30 + 80 * share, 100.0)
-    assert fitting.taken_s == 100 and whole.worth(100.0) < fitting.worth(100.0) == fitting.shown
+    whole = in_time(lambda share: 75 + 30 * share, 100.0)
+    assert whole.taken_s == 105 and whole.worth(100.0) == pytest.approx(0.95)
+    fitting = in_time(lambda share: 30 + 80 * share, 100.0)
+    assert fitting.taken_s == 100 and fitting.worth(100.0) == fitting.shown == 0.5 + 0.875 / 2
 
 
 def test_among_paths_worth_as_much_within_a_point_the_whole_is_flown() -> None:
     """Drawn back a sixteenth both are in time and show 0.969; the whole is worth 0.965, or 0.94."""
-    fitting, whole = in_time(lambda share: 47.5 + 56 * share, 100.0)
-    assert whole.worth(100.0) == pytest.approx(0.965) and fitting is whole
-    fitting, whole = in_time(lambda share: 10 + 96 * share, 100.0)
-    assert whole.worth(100.0) == pytest.approx(0.94) and fitting.shown == 0.5 + 15 / 32
+    whole = in_time(lambda share: 47.5 + 56 * share, 100.0)
+    assert whole.worth(100.0) == pytest.approx(0.965) and whole.shown == 1
+    fitting = in_time(lambda share: 10 + 96 * share, 100.0)
+    assert fitting.taken_s == 100 and fitting.shown == 0.5 + 15 / 32
 
 
 def test_where_the_start_takes_longer_already_what_is_flown_is_worth_most() -> None:
-    fitting, whole = in_time(lambda share: 300 + 100 * share, 250.0)
-    assert fitting is whole and whole.taken_s == 400
-    fitting, whole = in_time(lambda share: 300 + 100 * share, 150.0)
+    assert in_time(lambda share: 300 + 100 * share, 250.0).taken_s == 400
+    fitting = in_time(lambda share: 300 + 100 * share, 150.0)
     assert fitting.taken_s == pytest.approx(300 + 100 / 16) and fitting.shown == 0.5 + 1 / 32
 
 
 def test_with_no_time_at_all_the_shortest_is_flown() -> None:
-    fitting, _ = in_time(lambda share: 100 + 100 * share, 0.0)
+    fitting = in_time(lambda share: 100 + 100 * share, 0.0)
     assert fitting.taken_s == pytest.approx(100 + 100 / 16)
 
 
@@ -90,7 +88,7 @@ def test_a_part_that_cannot_be_made_safe_is_passed_by_and_the_whole_says_why() -
             raise RefusedError("the path", "leads through the structure", "it may not", "fly elsewhere")
         return 100 + 100 * share
 
-    fitting, _ = in_time(seconds, 120.0)
+    fitting = in_time(seconds, 120.0)
     assert 100 < fitting.taken_s <= 120 and fitting.shown < 0.75
 
     def never(share: float) -> float:

@@ -65,12 +65,13 @@ def term(name: str, view: View) -> Term:
     standoff = Standoff(np.arange(0, STATIONS, 3), seen, np.linspace(3, 9, 5))
     airspace = Airspace(view.scene, 4.5, Surroundings(ground_z_m=3.5, ceiling_z_m=4.8), 0.5)
     turned = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]])
-    narrow = np.tile(turned @ np.diag([1.0, 3.0, 1.5]) @ turned.T, (5, 1, 1))
+    narrow = np.tile(turned @ np.diag([1.0, 3.0, 1.5]) @ turned.T, (STATIONS, 1, 1))
+    aside = np.resize([0.0, 0.1, np.nan, 0.3, 0.05], STATIONS)
     cosines = np.where(view.cloud.points[:, 0] > 0, np.cos(np.radians(40)), 0.0)
     frontal = replace(view, least_cosine=cosines)
     around = replace(view, camera=replace(view.camera, hfov_deg=220))
     return {
-        "axis": lambda: Axis(Aims(seen[0][:5], narrow), np.array([0.0, 0.1, np.nan, 0.3, 0.05]), 3),
+        "axis": lambda: Axis(Aims(np.resize(seen[0], (STATIONS, 3)), narrow), aside),
         "clearance": lambda: Clearance.of(airspace, path),
         "coverage": lambda: coverage(view, path, 0.15),
         "frontal": lambda: coverage(frontal, path, 0.15),
@@ -213,10 +214,10 @@ def test_an_axis_beside_the_inspected_surface_costs_what_the_expert_did_not_look
     path = Flown(np.zeros((4, 3)), np.full(4, 0.3), np.zeros(4))
     patch = Aims(np.tile([10.0, 0, 0], (4, 1)), np.tile(np.eye(3), (4, 1, 1)))
     past = 2 * np.sin(0.15) - 0.1
-    assert Axis(patch, np.full(4, 0.1), 1).value(path)[0] == pytest.approx(past**2)
-    assert Axis(patch, np.full(4, 0.4), 1).value(path)[0] == 0
+    assert Axis(patch, np.full(4, 0.1)).value(path)[0] == pytest.approx(past**2)
+    assert Axis(patch, np.full(4, 0.4)).value(path)[0] == 0
     unseen = np.array([0.1, np.nan, 0.1, np.nan])
-    assert Axis(patch, unseen, 1).value(path)[0] == pytest.approx(past**2 / 2)
+    assert Axis(patch, unseen).value(path)[0] == pytest.approx(past**2 / 2)
 
 
 def test_the_aim_is_the_inspected_surface_next_to_the_optical_axis():

@@ -24,6 +24,11 @@ _TURN_S = 2.0  # to slow down and turn at each end of a pass
 _PRICE = 0.05  # of what a second of the flight shows in the mean, that a second of a pass must
 
 
+def pays(gain: float, taken_s: float, own_s: float) -> bool:
+    """Whether what shows so much more of the need pays for the time it takes, beside a flight of `own_s`."""
+    return gain >= max(_PRICE * taken_s / own_s, ALIKE)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Extended(Record):
     """A path with passes added to it, at M' stations."""
@@ -107,7 +112,7 @@ class Beside(Record):
             part, taken_s = tour.longest(passes.pop(as_good(gains)[0]), spare_s - tour.passes_s)
             shown = part.flown_with(flown)
             gain = float((cover.before(shown) - before).sum())
-            if tour.passes_s + taken_s <= spare_s and gain >= max(price * taken_s, ALIKE):
+            if tour.passes_s + taken_s <= spare_s and pays(gain, taken_s, self.own_s):
                 tour.append(part, taken_s)
                 flown = shown
         return tour.flown() if tour.passes_s > 0 else None

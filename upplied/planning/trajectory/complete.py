@@ -13,9 +13,9 @@ from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
-from upplied.planning.trajectory.added_passes import Beside, Extended, Pace
+from upplied.planning.trajectory.added_passes import Beside, Extended, Pace, pays
 from upplied.planning.trajectory.flyable import Flyable, Result
-from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Start, optimise
+from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import Timed, demonstrated_speed, retime
 from upplied.planning.trajectory.sharpness import sharply_timed
@@ -27,7 +27,6 @@ from upplied.records import Bools, Floats, Waypoints
 
 _LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
-_TRIES = 2  # of adding passes: fewer, where they take too long
 _SHORTENED = 5  # times, until passes are flown in time
 
 
@@ -94,26 +93,22 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     starts, view = _starts(carried, flyable.safe), _view(take, goal, settings)
     aside_rad = _aside(take, goal, view, settings)
     if take.required is not None:
-        near, times = (starts[0].safe, ways.planning, goal.standoff.usual_m), settings.optimise.required
+        near, times = (starts[0], ways.planning, goal.standoff.usual_m), settings.optimise.required
         view = required_first(view, take.required, *near, times)
-    speed_mps = demonstrated_speed(flight.t_s, flight, inspection.breaks)
-    fastest = np.radians(settings.retime.max_yaw_rate_degps)
     problem = Problem(
         starts=starts,
         demonstrated=Shape.of(flown, goal.standing),
         view=view,
         standoff=goal.standoff,
         airspace=ways.planning,
-        speed_mps=np.where(np.isfinite(speed_mps), speed_mps, 1.0),  # a flight may not move at all
         turned_rad=max(turned, _LEAST_TURN_RAD),
-        pan_radps=min(fastest, steady_radps([take], settings.inspection)),
         aside_rad=aside_rad,
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
     every, none = np.arange(len(flown)), np.zeros(len(flown), bool)
-    limit_s = flyable.allowed_s(view, starts[0].safe)
-    alone, _ = flyable.in_time(best, every, none, limit_s)
+    limit_s = flyable.allowed_s(view, starts[0])
+    alone = flyable.in_time(best, every, none, limit_s)
     if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
         return _with_passes(problem, best, alone, flyable, limit_s)
     return alone.waypoints
@@ -122,52 +117,52 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
 def _with_passes(
     problem: Problem, best: Optimised, alone: Result, flyable: Flyable, limit_s: float
 ) -> Waypoints:
-    """The flight with passes, in the time that there is, where it shows a hundredth more than alone."""
-    least, settings = alone.worth(limit_s) + ALIKE, flyable.settings
-    if least > 1:
+    """The flight with passes, in the time that there is, where what they show pays for the time they take."""
+    if alone.worth(limit_s) + ALIKE > 1:
         return alone.waypoints
-    path, pace = problem.starts[0].safe, Pace(problem.speed_mps, problem.pan_radps)
-    lanes = _half_rad(flyable.carried.take, settings), settings.refine.added_passes
+    settings, take, path = flyable.settings, flyable.carried.take, problem.starts[0]
+    lanes = _pace(take, settings), _half_rad(take, settings), settings.refine.added_passes
     missed = problem.view.missed(alone.waypoints.positions, alone.waypoints.quat_xyzw)
-    beside = Beside.of(path, problem.view, missed, flyable.ways, pace, *lanes)
-    if beside is None:
+    beside = Beside.of(path, problem.view, missed, flyable.ways, *lanes)
+    try:
+        longer = None if beside is None else _longer(beside, _LESS * limit_s - alone.taken_s, flyable)
+        if longer is None:
+            return alone.waypoints
+        request = problem.along(longer.path, longer.origin, longer.added, best.path)
+        result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
+        whole = flyable.in_time(result, longer.origin, longer.added, limit_s)
+    except RefusedError:  # no safe way along the passes: the flight without them has one
         return alone.waypoints
-    alone_s, most_s = flyable.seconds_of(Extended.alone(path)), _LESS * limit_s
-    results: list[Result] = []
-    for _ in range(_TRIES):
-        try:
-            longer = _longer(beside, most_s, alone_s, flyable)
-            if longer is None:
-                break
-            request = problem.along(longer.path, longer.origin, longer.added, best.path)
-            result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-            fitting, whole = flyable.in_time(result, longer.origin, longer.added, limit_s)
-        except RefusedError:  # no safe way along the passes: the flight without them has one
-            break
-        results += [fitting] if fitting.worth(limit_s) >= least else []
-        if whole.taken_s <= limit_s or whole.shown < least:
-            break
-        most_s -= whole.taken_s - _LESS * limit_s
-    return max(results, key=lambda one: one.worth(limit_s), default=alone).waypoints
+    gain, taken_s = whole.worth(limit_s) - alone.worth(limit_s), whole.taken_s - alone.taken_s
+    return (whole if pays(gain, taken_s, alone.taken_s) else alone).waypoints
 
 
-def _longer(beside: Beside, most_s: float, alone_s: float, flyable: Flyable) -> Extended | None:
-    """The carried flight with passes that are flown in at most so much time; None where there are none.
+def _longer(beside: Beside, spare_s: float, flyable: Flyable) -> Extended | None:
+    """The carried flight with passes that take at most so much time; None where there are none.
 
     The pace knows neither bends nor sharp pictures: passes are shortened until the time is right. Refused if
     there is no safe way.
     """
-    spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
+    alone_s = flyable.seconds_of(Extended.alone(beside.path))
+    wished_s = spare_s * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_SHORTENED):
-        longer = beside.with_passes(spare_s)
+        longer = beside.with_passes(wished_s)
         if longer is None:
             return None
         longer = replace(longer, path=replace(longer.path, positions=flyable.safe(longer.path.positions)))
-        taken_s = flyable.seconds_of(longer)
-        if taken_s <= most_s:
+        taken_s = flyable.seconds_of(longer) - alone_s
+        if taken_s <= spare_s:
             return longer
-        spare_s = longer.passes_s * (most_s - alone_s) / (taken_s - alone_s)
+        wished_s = longer.passes_s * spare_s / taken_s
     return None
+
+
+def _pace(take: Take, settings: Settings) -> Pace:
+    """How fast the expert flew at each station, and how fast a turning camera is still sharp."""
+    inspection, fastest = take.inspection, np.radians(settings.retime.max_yaw_rate_degps)
+    speed_mps = demonstrated_speed(inspection.flight.t_s, inspection.flight, inspection.breaks)
+    usual_mps = np.where(np.isfinite(speed_mps), speed_mps, 1.0)  # a flight may not move at all
+    return Pace(usual_mps, min(fastest, steady_radps([take], settings.inspection)))
 
 
 def _half_rad(take: Take, settings: Settings) -> float:
@@ -177,14 +172,13 @@ def _half_rad(take: Take, settings: Settings) -> float:
     return min(fine, float(np.radians(min(camera.hfov_deg, camera.vfov_deg, 120.0))) / 2)
 
 
-def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
+def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Flown]:
     """The paths to start from that can be made safe; refused where none can, as the first is."""
     starts, refusals = [], []
     for path in (carried.path, *carried.others):
         yaw, pitch = yaw_pitch(path.quat_xyzw)
-        mapped = Flown(path.positions, np.unwrap(yaw), pitch)
         try:
-            starts.append(Start(mapped, replace(mapped, positions=safe(path.positions))))
+            starts.append(Flown(safe(path.positions), np.unwrap(yaw), pitch))
         except RefusedError as refusal:
             refusals.append(refusal)
     if not starts:
@@ -234,5 +228,5 @@ def _aside(take: Take, goal: Goal, view: View, settings: Settings) -> Floats:
         scene=take.pair.source_scene,
     )
     path, unknown = Flown(flight.positions, *yaw_pitch(flight.quat_xyzw)), np.full(len(flight), np.nan)
-    aims = Sight.of(path, 1, theirs, *theirs.sampled(settings.optimise.samples), unknown).axis.aims
+    aims = Sight.of(path, theirs, *theirs.sampled(settings.optimise.samples), unknown).axis.aims
     return aims.angles(flight.positions, axes(path.yaw, path.pitch))

@@ -70,8 +70,8 @@ class Flyable(Record):
             further,
         )
 
-    def in_time(self, result: Optimised, origin: Ints, added: Bools, limit_s: float) -> tuple[Result, Result]:
-        """What of a result is worth most in a time, drawn back to its start or not, and the whole of it.
+    def in_time(self, result: Optimised, origin: Ints, added: Bools, limit_s: float) -> Result:
+        """What of a result is worth most in a time, drawn back to its start or not.
 
         What takes a percent longer has to show a percent more, and among paths worth as much within a point
         the whole is flown: no second decides.
@@ -79,7 +79,7 @@ class Flyable(Record):
         whole = self._partly(result, 1.0, origin, added)
         within, beyond, parts = 0.0, 1.0, [whole]
         if whole.taken_s <= limit_s:
-            return whole, whole
+            return whole
         for _ in range(_DRAWN_BACK):
             share = (within + beyond) / 2
             try:
@@ -89,7 +89,7 @@ class Flyable(Record):
                 continue
             within, beyond = (share, beyond) if parts[-1].taken_s <= limit_s else (within, share)
         best = max(parts, key=lambda part: part.worth(limit_s))
-        return (whole if whole.worth(limit_s) >= best.worth(limit_s) - ALIKE else best), whole
+        return whole if whole.worth(limit_s) >= best.worth(limit_s) - ALIKE else best
 
     def _partly(self, result: Optimised, share: float, origin: Ints, added: Bools) -> Result:
         part = result if share == 1 else result.partly(share)

@@ -14,17 +14,19 @@ import numpy as np
 from scipy.optimize import minimize
 
 from upplied.config import OptimiseSettings
-from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.state import Flown, State, Term
+from upplied.planning.trajectory.state import Flown, State, Term, between
 from upplied.planning.trajectory.terms.coverage import Coverage, Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import Sight, View
 from upplied.records import Bools, Floats, Ints, Record
 
-_APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
+_NODES = 4  # of a piece of the spline, at which a path is judged
+_STEPS = 2  # in which the number of pieces doubles
+_LITTLE = 1e-9  # of progress, from station to station at least
 _CORRECTIONS = 12  # that L-BFGS keeps
 _MOVED = 0.5  # stand-offs that count as much as a radian turned: the solver settles in half the steps
 _FURTHER = 3  # rounds at most, while the path still comes too near
@@ -36,25 +38,15 @@ _LOST = 5e-4  # of the need, that the carried flight shows and a path that is wo
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Start(Record):
-    """A path to start from, at M stations."""
-
-    mapped: Flown  # as a map of the structure carries the flight
-    safe: Flown  # the same pushed out of what is not allowed
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Problem(Record):
     """What is asked of a path, at M stations."""
 
-    starts: Sequence[Start]  # the first may be flown as it is
+    starts: Sequence[Flown]  # safe; the first, the carried one, may be flown as it is
     demonstrated: Shape
     view: View
     standoff: Standoff
     airspace: Airspace
-    speed_mps: Floats  # (M,) at which the expert flew there
     turned_rad: float  # by which the expert turned the camera
-    pan_radps: float  # at which a turning camera is still sharp
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
 
@@ -65,16 +57,28 @@ class Problem(Record):
         """
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
         shape, poses = self.demonstrated, path.columns
+        shown = np.where(added[:, None], np.nan, shape.demonstrated[origin])
         poses[own] = best.columns[origin[own]]
         led = Flown(poses[:, :3].copy(), np.unwrap(poses[:, 3]), poses[:, 4].copy())
         return replace(
             self,
-            starts=[Start(path, path), Start(path, led)],
-            demonstrated=replace(shape, station=own if shape.station is None else own[shape.station]),
+            starts=[path, led],
+            demonstrated=replace(shape, demonstrated=shown),
             view=self.view if fov_deg is None else replace(self.view, fov_deg=fov_deg[origin]),
             standoff=replace(self.standoff, station=own[self.standoff.station]),
-            speed_mps=self.speed_mps[origin],
             aside_rad=self.aside_rad[origin],
+        )
+
+    def between(self, stations: Floats) -> "Problem":
+        """The same at fractions of stations (N,)."""
+        view, viewed = self.view, self.standoff.station
+        return replace(
+            self,
+            starts=[start.between(stations) for start in self.starts],
+            demonstrated=self.demonstrated.between(stations),
+            view=view if view.fov_deg is None else replace(view, fov_deg=between(stations, view.fov_deg)),
+            standoff=replace(self.standoff, station=np.abs(stations - viewed[:, None]).argmin(axis=1)),
+            aside_rad=between(stations, self.aside_rad),
         )
 
 
@@ -88,17 +92,16 @@ class Optimised(Record):
     @property
     def path(self) -> Flown:
         """The path at its stations."""
-        return self.search.state.flown(self.variables)
+        return self.state.flown(self.variables)
 
     @property
     def state(self) -> State:
-        """What the variables are of."""
-        return self.search.state
+        """What the variables are of, at the stations."""
+        return self.search.whole
 
     def partly(self, share: float) -> "Optimised":
         """Of the way from the start to the result, this share."""
-        first = self.search.first
-        return replace(self, variables=first + share * (self.variables - first))
+        return replace(self, variables=share * self.variables)
 
 
 def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -> Optimised:
@@ -107,7 +110,8 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     The departure from the demonstrated shape has the weight that the fidelity asks for.
     """
     samples, need = problem.view.sampled(weights.samples)
-    searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
+    starts = range(len(problem.starts))
+    searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in starts]
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
     first = [search.value(search.first, search.first_sight) for search in searches]
@@ -127,11 +131,15 @@ def as_good(worth: Sequence[float]) -> list[int]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Search(Record):
-    """The search from one start."""
+    """The search from one start, whose path is judged at nodes that lie evenly along it.
 
-    problem: Problem
+    Stations lie densely where a flight bends: how many, noise in the log decides.
+    """
+
+    problem: Problem  # at the nodes
     weights: OptimiseSettings
-    state: State
+    state: State  # at the nodes
+    whole: State  # at the stations
     first: Floats  # the variables of the start
     samples: Ints  # (m,) that stand for all
     need: Floats  # (m,)
@@ -141,23 +149,34 @@ class _Search(Record):
     def of(
         cls,
         problem: Problem,
-        start: Start,
+        number: int,
         samples: Ints,
         need: Floats,
         shape_weight: float,
         weights: OptimiseSettings,
     ) -> "_Search":
-        state, shape = _state(problem, start, weights), problem.demonstrated
-        first = state.nearest(start.safe)
-        leaving = Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem))
+        unit_m = np.full(3, _MOVED * _standoff_m(problem))
+        if problem.level:
+            unit_m[2] = 0.0
+        start = problem.starts[number]
+        progress = _progress(problem, start)
+        length = max(float(progress[-1]), _LITTLE)
+        share, pieces = progress / length, _pieces(length / weights.spacing)
+        nodes = np.linspace(0, 1, _NODES * pieces + 1)
+        whole = State.of(start, share, unit_m, pieces)
+        problem = problem.between(np.interp(nodes, share, np.arange(float(len(share)))))
+        start = problem.starts[number]
+        state = State.of(start, nodes, unit_m, pieces)
+        first = np.zeros(state.basis.shape[1] * len(state.unit))
+        leaving = Leaving.of(problem.starts[0].positions, _standoff_m(problem))
         standoff = StandoffKept.of(problem.standoff, state.flown(first), weights.standoff_tolerance)
         lasting: list[tuple[float, Term]] = [
-            (shape_weight, shape),
+            (shape_weight, problem.demonstrated),
             (weights.standoff, standoff),
-            (weights.turning, Turning(start.mapped.yaw, start.mapped.pitch, problem.turned_rad)),
+            (weights.turning, Turning(start.yaw, start.pitch, problem.turned_rad)),
             (weights.leaving, leaving),
         ]
-        return cls(problem, weights, state, first, samples, need, lasting)
+        return cls(problem, weights, state, whole, first, samples, need, lasting)
 
     def shown(self, variables: Floats) -> float:
         """Share of the need that is truly seen."""
@@ -178,8 +197,7 @@ class _Search(Record):
 
     def sight(self, path: Flown) -> Sight:
         """What a path's cameras may see, and should look at."""
-        stride = max(1, round(_APART * len(path) / _progress(self.problem, path)))
-        return Sight.of(path, stride, self.problem.view, self.samples, self.need, self.problem.aside_rad)
+        return Sight.of(path, self.problem.view, self.samples, self.need, self.problem.aside_rad)
 
     def worth(self, variables: Floats, sight: Sight) -> float:
         """Its value, and 1 less where it comes too near: once pushed away it may show anything."""
@@ -214,7 +232,7 @@ class _Search(Record):
         problem, weights, view, samples = self.problem, self.weights, self.problem.view, self.samples
         nearest_m = float(problem.airspace.scene.distance(self.state.flown(self.first).positions).min())
         return [
-            (1.0, Coverage.of(view, samples, self.need, sight.free, sight.stride)),
+            (1.0, Coverage.of(view, samples, self.need, sight.free)),
             (1.0, Hidden.of(view, problem.airspace, path, _standoff_m(problem))),
             (weights.axis, sight.axis),
             *((dearer * weights.clearance, limit) for limit in limits),
@@ -244,18 +262,12 @@ def _standoff_m(problem: Problem) -> float:
     return max(problem.standoff.usual_m, 1e-3)
 
 
-def _state(problem: Problem, start: Start, weights: OptimiseSettings) -> State:
-    """As many control points as the path has stand-offs and the camera radians, times their density."""
-    controls = round(_progress(problem, start.safe) / weights.spacing)
-    controls = int(np.clip(controls, 4, max(len(start.safe) // 2, 4)))
-    unit_m = np.full(3, _MOVED * _standoff_m(problem))
-    if problem.level:
-        unit_m[2] = 0.0
-    return State.of(start.mapped, unit_m, controls)
+def _progress(problem: Problem, path: Flown) -> Floats:
+    """Stand-offs flown plus radians turned, up to each station (M,)."""
+    turned = np.abs(np.diff(path.yaw)) + np.abs(np.diff(path.pitch))
+    return cumulated(leg_lengths(path.positions) / _standoff_m(problem) + turned + _LITTLE)
 
 
-def _progress(problem: Problem, path: Flown) -> float:
-    """Stand-offs flown plus radians turned."""
-    length = float(leg_lengths(path.positions).sum())
-    turned = float(np.abs(np.diff(path.yaw)).sum() + np.abs(np.diff(path.pitch)).sum())
-    return max(length / _standoff_m(problem) + turned, 1e-3)
+def _pieces(wished: float) -> int:
+    """One of few numbers of pieces of a spline: a little more way is not divided otherwise."""
+    return max(round(2 ** (round(_STEPS * np.log2(wished)) / _STEPS)), 1)

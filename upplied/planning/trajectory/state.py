@@ -5,14 +5,12 @@ from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
-from scipy.linalg import solveh_banded
 from scipy.sparse import csr_matrix
 
 from upplied.geometry.polylines import cumulated, interpolated, leg_lengths, pieces_of_legs
 from upplied.records import Floats, Record, Rows
 
 _DEGREE = 3
-_RIDGE = 1e-3  # of a control point's own weight: what the stations leave open stays small
 _STILL_M = 1e-6  # a shorter leg is none
 _MOST_PIECES = 40  # of a leg
 
@@ -30,6 +28,17 @@ class Flown(Rows):
         """Positions, yaw and pitch, (M, 5)."""
         return np.column_stack([self.positions, self.yaw, self.pitch])
 
+    def between(self, stations: Floats) -> "Flown":
+        """The path at fractions of stations (N,)."""
+        poses = between(stations, self.columns)
+        return Flown(poses[:, :3].copy(), *poses[:, 3:].T.copy())
+
+
+def between(stations: Floats, values: Floats) -> Floats:
+    """Values (M,) or (M, k) of stations at fractions of them (N,)."""
+    number = np.arange(float(len(values)))
+    return np.interp(stations, number, values) if values.ndim == 1 else interpolated(stations, number, values)
+
 
 class Term(Protocol):
     """What a path is asked for, as a number that is to become small."""
@@ -41,22 +50,23 @@ class Term(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class State(Record):
-    """A base path and the B-splines over its stations that displace it and turn its camera.
+    """A base path and the B-splines along it that displace it and turn its camera.
 
     The variables are K control points of five coordinates: the displacement along three axes, in units of
     `unit`, and the changes of yaw and pitch, rad.
     """
 
     base: Flown
+    share: Floats  # (M,) of the way along the path, 0 to 1, at which each station lies
     unit: Floats  # (5,) m along each axis (0: the path keeps its coordinate), and 1 rad
     basis: csr_matrix  # (M, K)
     back: csr_matrix  # (K, M), the same the other way round, by rows
 
     @classmethod
-    def of(cls, base: Flown, unit_m: Floats, controls: int) -> "State":
-        """The state with so many control points."""
-        basis = _splines(np.linspace(0, 1, len(base)) if len(base) > 1 else np.zeros(1), controls)
-        return cls(base, np.append(unit_m, [1.0, 1.0]), basis, basis.T.tocsr())
+    def of(cls, base: Flown, share: Floats, unit_m: Floats, pieces: int) -> "State":
+        """The state with splines of so many pieces."""
+        basis = _splines(share, pieces)
+        return cls(base, share, np.append(unit_m, [1.0, 1.0]), basis, basis.T.tocsr())
 
     def flown(self, variables: Floats) -> Flown:
         """The path at the stations of the base."""
@@ -65,18 +75,6 @@ class State(Record):
     def pulled_back(self, slope: Flown) -> Floats:
         """The slope with respect to the variables, from that with respect to the path at its stations."""
         return np.asarray((self.back @ slope.columns * self.unit).ravel())
-
-    def nearest(self, path: Flown) -> Floats:
-        """The variables whose path comes nearest to one of as many stations (least squares)."""
-        basis, unit = self.basis, np.where(self.unit > 0, self.unit, np.inf)
-        normal = (basis.T @ basis).tocsr()  # of the normal equations, which are banded
-        bands = np.zeros((_DEGREE + 1, basis.shape[1]))
-        for offset in range(_DEGREE + 1):
-            band = normal.diagonal(-offset)
-            bands[offset, : len(band)] = band
-        bands[0] += _RIDGE * max(float(bands[0].mean()), 1e-12)
-        values = (path.columns - self.base.columns) / unit
-        return np.asarray(solveh_banded(bands, basis.T @ values, lower=True)).ravel()
 
     def curve(self, variables: Floats, step_m: float) -> tuple[Floats, Flown]:
         """The path as a curve with legs of about `step_m`, and the station (a fraction) of each vertex.
@@ -100,16 +98,16 @@ class State(Record):
         if len(index) > 1:
             angles = PchipInterpolator(index, angles)(at)
         base = Flown(positions, *angles.T)
-        share = at / max(index[-1], 1.0)
-        return at, self._with(base, variables, _splines(share, self.basis.shape[1]))
+        splines = _splines(np.interp(at, index, self.share), self.basis.shape[1] - _DEGREE)
+        return at, self._with(base, variables, splines)
 
     def _with(self, base: Flown, variables: Floats, basis: csr_matrix) -> Flown:
         change = basis @ (variables.reshape(-1, len(self.unit)) * self.unit)
         return Flown(base.positions + change[:, :3], base.yaw + change[:, 3], base.pitch + change[:, 4])
 
 
-def _splines(at: Floats, controls: int) -> csr_matrix:
+def _splines(at: Floats, pieces: int) -> csr_matrix:
     """Clamped uniform cubic B-splines at places from 0 to 1, a row for each."""
-    inner = np.linspace(0, 1, controls - _DEGREE + 1)
+    inner = np.linspace(0, 1, pieces + 1)
     knots = np.concatenate([np.zeros(_DEGREE), inner, np.ones(_DEGREE)])
     return csr_matrix(BSpline.design_matrix(at, knots, _DEGREE))

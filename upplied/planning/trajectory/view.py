@@ -86,27 +86,24 @@ class View(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sight(Record):
-    """What is in reach of S stations of a path, every `stride`-th."""
+    """What is in reach of S stations of a path."""
 
-    stride: int
     free: Bools  # (S, m) which samples each would see with its camera turned there
     axis: Axis
 
     @classmethod
-    def of(
-        cls, path: Flown, stride: int, view: View, samples: Ints, need: Floats, aside_rad: Floats
-    ) -> "Sight":
+    def of(cls, path: Flown, view: View, samples: Ints, need: Floats, aside_rad: Floats) -> "Sight":
         """Of m samples with their need, by a path whose expert looked so far aside at its stations."""
         # As far again as a border reaches: the path moves until lines of sight are asked for again.
         farthest_m = (1 + 2 * BORDER) * view.farthest_m
         oblique = replace(view.settings, max_incidence_deg=_OBLIQUE_DEG)
         nearly = replace(view, farthest_m=farthest_m, settings=oblique, least_cosine=None)
-        places, station = path.positions[::stride], np.arange(0, len(path), stride)
-        free = nearly.reach(places, samples, station)
+        free = nearly.reach(path.positions, samples)
         inspected = np.where(view.inspected[samples], need, 0.0)
-        axis = axes(path.yaw[::stride], path.pitch[::stride])
-        aims = aims_of(places, axis, view.cloud.points[samples], inspected, free)
-        return cls(stride, free, Axis(aims, aside_rad[::stride], stride))
+        aims = aims_of(
+            path.positions, axes(path.yaw, path.pitch), view.cloud.points[samples], inspected, free
+        )
+        return cls(free, Axis(aims, aside_rad))
 
 
 def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:

@@ -35,18 +35,16 @@ class Aims(Record):
 class Axis(Record):
     """Mean squared angle, rad^2, from the optical axis to the inspected surface, beyond the demonstrated one.
 
-    Every so many stations count. The angle is the chord of the two directions, dearer across a surface that
-    looks narrow (`Aims`), which holds until it is found again.
+    The angle is the chord of the two directions, dearer across a surface that looks narrow (`Aims`), which
+    holds until it is found again.
     """
 
     aims: Aims
     demonstrated: Floats  # (S,) rad, the expert's own angle there; NaN where none was in sight
-    stride: int
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Mean squared excess, and its slope."""
-        yaw, pitch = flown.yaw[:: self.stride], flown.pitch[:: self.stride]
-        ray = self.aims.at - flown.positions[:: self.stride]
+        yaw, pitch, ray = flown.yaw, flown.pitch, self.aims.at - flown.positions
         away = np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-9)
         towards, axis = ray / away, axes(yaw, pitch)
         angle, pull = self.aims.measured(axis - towards)
@@ -56,12 +54,9 @@ class Axis(Record):
         towards = np.where(excess[:, None] > 0, towards, 0.0)
         across = np.column_stack([-axis[:, 1], axis[:, 0], np.zeros(len(yaw))])
         up = np.column_stack([-np.sin(pitch) * np.cos(yaw), -np.sin(pitch) * np.sin(yaw), np.cos(pitch)])
-        slope = Flown(np.zeros_like(flown.positions), np.zeros(len(flown)), np.zeros(len(flown)))
         along = (pull * towards).sum(axis=1, keepdims=True)
-        slope.positions[:: self.stride] = (pull - along * towards) / np.nan_to_num(away, nan=1.0)
-        slope.yaw[:: self.stride] = (pull * across).sum(axis=1)
-        slope.pitch[:: self.stride] = (pull * up).sum(axis=1)
-        return float((excess**2).mean()), slope
+        slope = (pull - along * towards) / np.nan_to_num(away, nan=1.0)
+        return float((excess**2).mean()), Flown(slope, (pull * across).sum(axis=1), (pull * up).sum(axis=1))
 
 
 def axes(yaw: Floats, pitch: Floats) -> Floats:

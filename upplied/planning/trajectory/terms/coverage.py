@@ -39,18 +39,12 @@ class Coverage(Record):
     width: float  # over which a share falls, as `view.BORDER`
 
     @classmethod
-    def of(
-        cls, view: View, chosen: Ints, need: Floats, free: Bools, stride: int = 1, width: float = BORDER
-    ) -> "Coverage":
-        """The term for some samples (N,) of a view, with the free lines of sight (M, N) to them.
-
-        With a stride, those of every so many stations.
-        """
+    def of(cls, view: View, chosen: Ints, need: Floats, free: Bools, width: float = BORDER) -> "Coverage":
+        """The term for some samples (N,) of a view, with the free lines of sight (M, N) to them."""
         station, sample = np.nonzero(free)
-        station = stride * station
         fov_deg = view.fov_deg
         if fov_deg is None:
-            fov_deg = np.tile([view.camera.hfov_deg, view.camera.vfov_deg], (stride * len(free), 1))
+            fov_deg = np.tile([view.camera.hfov_deg, view.camera.vfov_deg], (len(free), 1))
         halves, coarse = np.radians(fov_deg) / 2, coarseness(view.camera, view.fov_deg)
         usual = float(np.cos(np.radians(view.settings.max_incidence_deg)))
         least = np.full(len(chosen), usual)
@@ -60,7 +54,7 @@ class Coverage(Record):
         return cls(
             surface=np.column_stack([place[chosen], normal[chosen], farthest_m[chosen], least]),
             need=need / need.sum(),
-            start=np.searchsorted(station, np.arange(stride * len(free) + 1)),
+            start=np.searchsorted(station, np.arange(len(free) + 1)),
             sample=sample,
             half_rad=halves,
             coarse=np.ones(len(halves)) if coarse is None else coarse,

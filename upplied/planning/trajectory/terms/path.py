@@ -10,8 +10,8 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.constants import MOST_RATIO
 from upplied.planning.geometry.frechet import spread
-from upplied.planning.trajectory.state import Flown
-from upplied.records import Floats, Ints, Record
+from upplied.planning.trajectory.state import Flown, between
+from upplied.records import Bools, Floats, Record
 
 _BEYOND_M = 0.05  # kept beyond the limits, for what lies between the stations
 _HARMLESS_M = 0.01  # by which a path may be pushed away and shows the same
@@ -68,16 +68,20 @@ _LEVEL = 0.1  # of the largest deviation: a path with less along an axis is leve
 class Shape(Record):
     """Mean squared departure in units of the path's largest deviation: a metre up counts as one aside."""
 
-    demonstrated: Floats  # (M, 3) m, about its mean, axes of the source
+    demonstrated: Floats  # (M, 3) m, about its mean, axes of the source; NaN where nothing was demonstrated
     standing: Floats  # (3, 3) turns the target's axes into the source's
     unit_m: float
-    station: Ints | None = None  # (M,) of a path with more stations, that it is about; None: all of them
 
     @classmethod
     def of(cls, demonstrated: Floats, standing: Floats) -> "Shape":
         """The shape of a path (M, 3), m, in the target's frame."""
         turned = demonstrated @ standing.T
         return cls(turned - turned.mean(axis=0), standing, float(spread(turned)[1].max()))
+
+    def between(self, stations: Floats) -> "Shape":
+        """The same at fractions of stations (N,)."""
+        demonstrated = between(stations, self.demonstrated)
+        return replace(self, demonstrated=demonstrated - np.nanmean(demonstrated, axis=0))
 
     def image(self, positions: Floats) -> Floats:
         """The shifted and stretched demonstrated path (M, 3), m, nearest to a path, target frame."""
@@ -86,15 +90,15 @@ class Shape(Record):
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Mean squared departure, and its slope: that of the nearest image adds none (it is the nearest)."""
-        own = slice(None) if self.station is None else self.station
+        own = np.isfinite(self.demonstrated[:, 0])
         turned = flown.positions[own] @ self.standing.T
-        off = (turned - self._image(turned)) / self.unit_m
+        off = (turned - self._image(turned, own)) / self.unit_m
         slope, nothing = np.zeros_like(flown.positions), np.zeros(len(flown))
         slope[own] = (2 / len(off)) * (off / self.unit_m) @ self.standing
         return float((off**2).sum(axis=1).mean()), Flown(slope, nothing, nothing)
 
-    def _image(self, turned: Floats) -> Floats:
-        middle, own = turned.mean(axis=0), self.demonstrated
+    def _image(self, turned: Floats, demonstrated: Bools | slice = slice(None)) -> Floats:
+        middle, own = turned.mean(axis=0), self.demonstrated[demonstrated]
         square = np.maximum((own**2).mean(axis=0), 1e-12)
         wide = np.sqrt(square) > _LEVEL * np.sqrt(square.max())
         stretch = ((turned - middle) * own).mean(axis=0) / square
