@@ -26,7 +26,7 @@ _PRICE = 0.05  # of what a second of the flight shows in the mean, that a second
 
 def pays(gain: float, taken_s: float, own_s: float) -> bool:
     """Whether what shows so much more of the need pays for the time it takes, beside a flight of `own_s`."""
-    return gain >= max(_PRICE * taken_s / own_s, ALIKE)
+    return gain >= ALIKE and gain * own_s >= _PRICE * taken_s
 
 
 @dataclass(frozen=True, eq=False, repr=False)
