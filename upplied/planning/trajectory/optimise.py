@@ -57,13 +57,13 @@ class Problem(Record):
         """
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
         shape, poses = self.demonstrated, path.columns
-        shown = np.where(added[:, None], np.nan, shape.demonstrated[origin])
+        demonstrated = np.where(added[:, None], np.nan, shape.demonstrated[origin])
         poses[own] = best.columns[origin[own]]
         led = Flown(poses[:, :3].copy(), np.unwrap(poses[:, 3]), poses[:, 4].copy())
         return replace(
             self,
             starts=[path, led],
-            demonstrated=replace(shape, demonstrated=shown),
+            demonstrated=replace(shape, demonstrated=demonstrated),
             view=self.view if fov_deg is None else replace(self.view, fov_deg=fov_deg[origin]),
             standoff=replace(self.standoff, station=own[self.standoff.station]),
             aside_rad=self.aside_rad[origin],
