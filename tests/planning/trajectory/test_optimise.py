@@ -10,10 +10,9 @@ from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory import optimise as optimisation
 from upplied.planning.trajectory.optimise import Problem, as_good, optimise
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape
+from upplied.planning.trajectory.terms.path import Leaving, Shape
 from upplied.planning.trajectory.view import View
 from upplied.records import Camera, Cloud, Surroundings
 
@@ -234,25 +233,6 @@ def test_leaving_counts_a_kink_more_than_a_shift(wall: View):
     assert still[0] == pytest.approx(3 / 36) and np.isfinite(still[1].positions).all()
 
 
-@pytest.mark.parametrize(("clear", "rounds"), [(True, 2), (False, 2 + optimisation._FURTHER)])
-def test_a_path_that_still_comes_too_near_is_optimised_further_and_that_is_dearer_each_time(
-    wall: View, monkeypatch: pytest.MonkeyPatch, clear: bool, rounds: int
-):
-    prices, limits, search = [], [], optimisation._Search
-
-    def solved(self, start, terms):
-        prices.append(next(weight for weight, term in terms if isinstance(term, Clearance)))
-        limits.append(sum(isinstance(term, Clearance) for _, term in terms) - 1)  # one is only wished for
-        return start
-
-    monkeypatch.setattr(search, "is_clear", lambda *_: clear)
-    monkeypatch.setattr(search, "solved", solved)
-    result(wall, problem(wall, along()), rounds=2)
-    assert len(prices) == rounds and prices[0] == prices[1]
-    assert limits == [1, 1, 2, 3, 4][:rounds]  # what was nearest before holds in further rounds
-    np.testing.assert_allclose(np.divide(prices[2:], prices[1:-1]), optimisation._DEARER)
-
-
 @pytest.mark.ci
 def test_under_a_roof_a_path_keeps_clear_of_wall_and_roof_at_once(wall: View):
     """Away from what is nearest alone, it would come too near to the other, and so to and fro."""
@@ -263,19 +243,34 @@ def test_under_a_roof_a_path_keeps_clear_of_wall_and_roof_at_once(wall: View):
     need, farthest = np.where(high, 1 / high.sum(), 0.0), np.full(len(high), 4.5)
     below = replace(wall, scene=scene, need=need, farthest_m=farthest, inspected=high)
     done = optimise(problem(below, along(height=3.0)), 0.3, OptimiseSettings())
-    assert done.search.is_clear(done.variables) and done.search.shown(done.variables) == pytest.approx(1)
+    path, is_clear = done.search.cleared(done.variables)
+    assert is_clear and done.search.shown(path) == pytest.approx(1)
 
 
-def test_a_result_that_keeps_the_distance_comes_before_one_that_shows_more(
-    wall: View, monkeypatch: pytest.MonkeyPatch
-):
-    path, search = along(), optimisation._Search
-    monkeypatch.setattr(search, "shown", lambda self, variables: 1.0 - np.array_equal(variables, self.first))
-    free = optimise(problem(wall, path), 0.3, OptimiseSettings())
-    assert not np.array_equal(free.variables, free.search.first)
-    monkeypatch.setattr(search, "is_clear", lambda self, variables: np.array_equal(variables, self.first))
-    near = optimise(problem(wall, path), 0.3, OptimiseSettings())
-    assert np.array_equal(near.variables, near.search.first)
+def test_a_path_that_comes_too_near_is_worth_what_it_shows_once_pushed_out(wall: View):
+    """Resolved from 2.5 m, drawn to it without a price for coming nearer than 2.2 m."""
+    middle = np.abs(wall.cloud.points[:, 2] - 4) < 1
+    fine = replace(wall, need=np.where(middle, 1 / middle.sum(), 0.0), farthest_m=np.full(len(middle), 2.5))
+    task = problem(fine, along(y=-2.9), airspace=Airspace(wall.scene, 2.2, Surroundings()))
+    done = optimise(task, 0.3, replace(OptimiseSettings(), clearance=0.0, standoff=0.0, rounds=2))
+    search, variables = done.search, done.variables
+    assert not task.airspace.allowed(search.state.flown(variables).positions).all()
+    out, is_clear = search.cleared(variables)
+    assert is_clear and task.airspace.allowed(out.positions).all()
+    sight = search.sight(search.state.flown(variables))
+    assert search.worth(variables, sight) == search.value(out, sight)
+    assert search.shown(out) > search.shown(search.state.flown(search.first)) + 0.1
+
+
+def test_a_path_that_no_push_leads_out_of_a_gap_is_worth_less_than_any(wall: View):
+    """Two walls 3 m apart, of which 2 m are to be kept."""
+    corners = np.array([[-10.0, 0, 0], [10, 0, 0], [10, 0, 12], [-10, 0, 12]])
+    both = np.vstack([corners, corners - [0, 3, 0]])
+    scene = Scene(both, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]))
+    task = problem(replace(wall, scene=scene), along(y=-1.5), airspace=Airspace(scene, 2.0, Surroundings()))
+    search = optimise(task, 0.3, OptimiseSettings(rounds=1)).search
+    assert not search.cleared(search.first)[1]
+    assert search.worth(search.first, search.first_sight) < 0
 
 
 def test_where_stations_lie_does_not_move_the_path(wall: View):

@@ -13,9 +13,9 @@ from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
 from upplied.planning.trajectory.lanes import Cover, Lanes, Pass, arranged, lanes_beside
-from upplied.planning.trajectory.optimise import ALIKE, as_good
+from upplied.planning.trajectory.optimise import as_good
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import ALIKE, View
 from upplied.records import Bools, Floats, Ints, Record, Rows
 
 _NEEDED = 600  # samples, at most, that stand for all that is needed

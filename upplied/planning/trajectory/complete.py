@@ -15,14 +15,14 @@ from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
 from upplied.planning.trajectory.added_passes import Beside, Extended, Pace, pays
 from upplied.planning.trajectory.flyable import Flyable, Result
-from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, optimise
+from upplied.planning.trajectory.optimise import Optimised, Problem, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import Timed, demonstrated_speed, retime
 from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import axes
 from upplied.planning.trajectory.terms.path import Shape
-from upplied.planning.trajectory.view import Sight, View
+from upplied.planning.trajectory.view import ALIKE, Sight, View
 from upplied.records import Bools, Floats, Waypoints
 
 _LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear

@@ -13,11 +13,11 @@ from upplied.planning.airspace.detours import Ways, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.added_passes import Extended
-from upplied.planning.trajectory.optimise import ALIKE, Optimised
+from upplied.planning.trajectory.optimise import Optimised
 from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Shape
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import ALIKE, View
 from upplied.records import Bools, Floats, Ints, Record, Waypoints
 
 _STEP_M = 0.5  # largest leg of the result

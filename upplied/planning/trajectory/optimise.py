@@ -16,12 +16,12 @@ from scipy.optimize import minimize
 from upplied.config import OptimiseSettings
 from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, pushed_out
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.state import Flown, State, Term, between
 from upplied.planning.trajectory.terms.coverage import Coverage, Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
-from upplied.planning.trajectory.view import Sight, View
+from upplied.planning.trajectory.view import ALIKE, Sight, View
 from upplied.records import Bools, Floats, Ints, Record
 
 _NODES = 4  # of a piece of the spline, at which a path is judged
@@ -29,10 +29,6 @@ _STEPS = 2  # in which the number of pieces doubles
 _LITTLE = 1e-9  # of progress, from station to station at least
 _CORRECTIONS = 12  # that L-BFGS keeps
 _MOVED = 0.5  # stand-offs that count as much as a radian turned: the solver settles in half the steps
-_FURTHER = 3  # rounds at most, while the path still comes too near
-_DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
-#: Of the need, by which one path is no better than another: as near as coverage is known.
-ALIKE = 0.01
 _CLEARLY = 0.1  # of the need, by which another start is worth more: a few hundredths say nothing of the ends
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
@@ -114,12 +110,14 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in starts]
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
-    first = [search.value(search.first, search.first_sight) for search in searches]
+    first = [search.value(search.state.flown(search.first), search.first_sight) for search in searches]
     best = int(np.argmax(first))
     carried, search = searches[0], searches[best if first[best] > first[0] + _CLEARLY else 0]
     worth, variables = search.improved()
-    least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
-    if worth < carried.worth(carried.first, carried.first_sight) + ALIKE or search.shown(variables) < least:
+    flown, is_clear = carried.cleared(carried.first)
+    least = carried.shown(flown) - _LOST if is_clear else 0.0
+    alike = worth < carried.worth(carried.first, carried.first_sight) + ALIKE
+    if alike or search.shown(search.cleared(variables)[0]) < least:
         return Optimised(carried, carried.first)
     return Optimised(search, variables)
 
@@ -178,9 +176,8 @@ class _Search(Record):
         ]
         return cls(problem, weights, state, whole, first, samples, need, lasting)
 
-    def shown(self, variables: Floats) -> float:
+    def shown(self, path: Flown) -> float:
         """Share of the need that is truly seen."""
-        path = self.state.flown(variables)
         quats = from_yaw_pitch(path.yaw, path.pitch)
         return float(self.need @ self.problem.view.shown(path.positions, quats, self.samples))
 
@@ -189,54 +186,53 @@ class _Search(Record):
         """Of the start."""
         return self.sight(self.state.flown(self.first))
 
-    def value(self, variables: Floats, sight: Sight) -> float:
+    def value(self, path: Flown, sight: Sight) -> float:
         """Share of the need that is truly seen, less what the lasting terms and the optical axis cost."""
-        path = self.state.flown(variables)
         terms = [*self.lasting, (self.weights.axis, sight.axis)]
-        return self.shown(variables) - sum(weight * term.value(path)[0] for weight, term in terms)
+        return self.shown(path) - sum(weight * term.value(path)[0] for weight, term in terms)
 
     def sight(self, path: Flown) -> Sight:
         """What a path's cameras may see, and should look at."""
         return Sight.of(path, self.problem.view, self.samples, self.need, self.problem.aside_rad)
 
     def worth(self, variables: Floats, sight: Sight) -> float:
-        """Its value, and 1 less where it comes too near: once pushed away it may show anything."""
-        return self.value(variables, sight) - (not self.is_clear(variables))
+        """Its value as it will be flown, and 1 less where no push leads out of what it comes too near to."""
+        path, is_clear = self.cleared(variables)
+        return self.value(path, sight) - (not is_clear)
 
-    def is_clear(self, variables: Floats) -> bool:
-        """Whether the path keeps the safety distance, the floor and the ceiling."""
-        path = self.state.flown(variables)
-        return Clearance.of(self.problem.airspace, path).is_clear(path)
+    def cleared(self, variables: Floats) -> tuple[Flown, bool]:
+        """The path, pushed out where it comes too near, and whether it keeps distance, floor and ceiling."""
+        path, airspace = self.state.flown(variables), self.problem.airspace
+        if Clearance.of(airspace, path).is_clear(path):
+            return path, True
+        path = replace(path, positions=pushed_out(path.positions, airspace))
+        return path, Clearance.of(airspace, path).is_clear(path)
 
     def improved(self) -> tuple[float, Floats]:
-        """The best of the rounds, and what it is worth."""
-        weights, state = self.weights, self.state
-        variables, sight, results = self.first, self.first_sight, []
-        limits: list[Clearance] = []
-        for further in range(1 - weights.rounds, _FURTHER + 1):
-            if further > 0 and self.is_clear(variables):
-                break
-            path = state.flown(variables)
-            # In further rounds, what was nearest before holds, too: out of a corner no other way leads.
-            limits = [*(limits if further > 0 else []), Clearance.of(self.problem.airspace, path)]
-            terms = self.terms(path, sight, limits, _DEARER ** max(further, 0))
+        """The best of the rounds, until one gains too little, and what it is worth."""
+        variables, sight = self.first, self.first_sight
+        results: list[tuple[float, Floats]] = []
+        for _ in range(self.weights.rounds):
+            best = max((worth for worth, _ in results), default=-np.inf)
+            terms = self.terms(self.state.flown(variables), sight)
             variables = self.solved(variables, terms)
-            sight = self.sight(state.flown(variables))
+            sight = self.sight(self.state.flown(variables))
             results.append((self.worth(variables, sight), variables))
+            if results[-1][0] < best + ALIKE:
+                break
         return results[as_good([worth for worth, _ in results])[-1]]
 
-    def terms(
-        self, path: Flown, sight: Sight, limits: Sequence[Clearance], dearer: float = 1.0
-    ) -> list[tuple[float, Term]]:
-        """The terms, with what stands in the way and, last of the limits, what is near from this path."""
+    def terms(self, path: Flown, sight: Sight) -> list[tuple[float, Term]]:
+        """The terms, with what is near from this path and what stands in its way."""
         problem, weights, view, samples = self.problem, self.weights, self.problem.view, self.samples
         nearest_m = float(problem.airspace.scene.distance(self.state.flown(self.first).positions).min())
+        limit = Clearance.of(problem.airspace, path)
         return [
             (1.0, Coverage.of(view, samples, self.need, sight.free)),
             (1.0, Hidden.of(view, problem.airspace, path, _standoff_m(problem))),
             (weights.axis, sight.axis),
-            *((dearer * weights.clearance, limit) for limit in limits),
-            (weights.clearance, limits[-1].no_nearer(nearest_m)),
+            (weights.clearance, limit),
+            (weights.clearance, limit.no_nearer(nearest_m)),
             *self.lasting,
         ]
 

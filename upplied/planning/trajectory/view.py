@@ -15,6 +15,7 @@ from upplied.planning.visibility.line_of_sight import Closeness, coarseness, see
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 BORDER = 0.20  # over which soft coverage falls: of the cosine, of the border's angle in rad, of the distance
+ALIKE = 0.01  # of the need, by which one path is no better than another: as near as coverage is known
 _BESIDE = 48  # of the path, beside which places are tried
 _AWAY = 0.4  # stand-offs, to all sides, and twice that
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it

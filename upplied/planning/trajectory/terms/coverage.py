@@ -13,7 +13,7 @@ from numba import njit
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.view import BORDER, View, places_beside
+from upplied.planning.trajectory.view import ALIKE, BORDER, View, places_beside
 from upplied.planning.visibility.line_of_sight import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -184,7 +184,7 @@ class Hidden(Record):
     The slope of the coverage is zero for what is hidden from the path, faces away or lies too far off. So
     places to all sides of the path are asked what they show of it, as the camera looks there. Each pulls the
     station it belongs to by its share of what it shows, the larger the more it shows and the nearer to the
-    path it is.
+    path it is; by less, the less of the need they show together: single samples move no path.
     """
 
     station: Ints  # (K,)
@@ -207,6 +207,7 @@ class Hidden(Record):
         if shows.size:  # with the camera as it looks from their stations
             shows = view.seen(places, from_yaw_pitch(path.yaw[at], path.pitch[at]), missed, at)
         need = _shared(shows, left, away_m)
+        need *= need.sum() / (need.sum() + ALIKE)
         row = np.flatnonzero(need > _LITTLE * need.sum())
         return cls(at[row], places[row], need[row], away_m[row])
 
