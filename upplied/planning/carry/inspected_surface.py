@@ -97,7 +97,7 @@ def inspected_surface(
         with np.errstate(invalid="ignore"):
             standoff = np.bincount(index, near[paired] * share[paired], number) / need
         return InspectedSurface(target, need, standoff, without)
-    between, part = _between(target, correspondences)
+    between, part = correspondences.derived("between", lambda: _between(target, correspondences))
     part = part * (share / source.areas)[between]
     need = part.sum(axis=1) * target.areas
     far = np.where(np.isfinite(near), near, 0.0)[between]
