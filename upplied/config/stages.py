@@ -247,7 +247,7 @@ class OptimiseSettings:
     leaving: Weight = 0.05  # of one stand-off of distance from the carried flight, mean square
     # Of control points: stand-offs flown plus radians turned.
     spacing: Annotated[float, Range(0.05, 10)] = 0.6
-    rounds: Annotated[int, Range(1, 20)] = 6  # of ray casting, at most: none follows that gains no point
+    rounds: Annotated[int, Range(1, 20)] = 6  # of ray casting, at most: one that gains no point is the last
     iterations: Count = 40  # of the solver in each round, at most
     # Weight of required surface relative to inspected surface of the same area.
     required: Weight = 5.0

@@ -86,6 +86,19 @@ def test_the_roof_draws_the_path_up_to_where_it_is_seen(roof: View) -> None:
     assert hidden.value(led)[0] == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize(("share", "draws"), [(0.2, 0.2 / 1.05), (0.01, 0.005), (1e-4, 1e-4 / 101)])
+def test_little_hidden_surface_draws_the_path_by_less_than_its_share(
+    roof: View, share: float, draws: float
+) -> None:
+    """By half where it is a percent of what is to be shown: one sample of thousands draws nothing."""
+    path, airspace = below_the_roof(), free_above(roof, ground_z_m=0.0)
+    missed = roof.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
+    hidden = Hidden.of(roof, airspace, path, 6.0)
+    shows = roof.reach(hidden.place, missed, station=hidden.station).any(axis=0)
+    less = replace(roof, need=roof.need * share / roof.need[missed][shows].sum())
+    assert Hidden.of(less, airspace, path, 6.0).need.sum() == pytest.approx(draws, rel=1e-3)
+
+
 def test_nothing_draws_a_path_to_where_it_may_not_fly(roof: View) -> None:
     path = below_the_roof()
     for airspace in (free_above(roof, ceiling_z_m=4.5), free_above(roof, ceiling_z_m=0.5)):

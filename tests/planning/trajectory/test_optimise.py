@@ -273,6 +273,23 @@ def test_a_path_that_no_push_leads_out_of_a_gap_is_worth_less_than_any(wall: Vie
     assert search.worth(search.first, search.first_sight) < 0
 
 
+@pytest.mark.parametrize(
+    ("worths", "rounds", "flown"),
+    [([0.5, 0.6, 0.605, 0.9], 3, 2), ([0.5, 0.4, 0.9], 2, 0), ([0.5, 0.6, 0.7, 0.8], 4, 3)],
+)
+def test_rays_are_cast_until_a_round_gains_less_than_a_point(
+    wall: View, monkeypatch: pytest.MonkeyPatch, worths: list[float], rounds: int, flown: int
+):
+    search, solved = optimise(problem(wall, along()), 0.3, OptimiseSettings(rounds=1)).search, []
+    search = replace(search, weights=OptimiseSettings(rounds=4))
+    ends = [search.first + number for number in range(4)]
+    monkeypatch.setattr(type(search), "solved", lambda *_: solved.append(0) or ends[len(solved) - 1])
+    monkeypatch.setattr(type(search), "worth", lambda *_: worths[len(solved) - 1])
+    worth, variables = search.improved()
+    assert len(solved) == rounds and worth == worths[flown]
+    np.testing.assert_array_equal(variables, ends[flown])
+
+
 def test_where_stations_lie_does_not_move_the_path(wall: View):
     """Noise in a log makes stations dense where the flight bends no more: here on one half of it."""
     path = along(height=3.0)
