@@ -184,7 +184,7 @@ class Hidden(Record):
     The slope of the coverage is zero for what is hidden from the path, faces away or lies too far off. So
     places to all sides of the path are asked what they show of it, as the camera looks there. Each pulls the
     station it belongs to by its share of what it shows, the larger the more it shows and the nearer to the
-    path it is; by less, the less of the need they show together: single samples move no path.
+    path it is; by less, the less of the need they show together: single samples hardly draw it.
     """
 
     station: Ints  # (K,)
