@@ -165,6 +165,22 @@ def test_inside_of_a_hollow_box_is_no_place_to_fly() -> None:
     assert independent_clearance(safe, -12, 12) >= CLEARANCE
 
 
+def test_a_path_that_begins_in_a_cage_begins_outside_of_it() -> None:
+    """The sky is seen from there, between bars that nothing passes: what a way leads to is flown."""
+    around = [
+        (x, y) for x, y in itertools.product(np.linspace(-10, 10, 9), repeat=2) if max(abs(x), abs(y)) == 10
+    ]
+    bars = [(np.array([x - 0.2, y - 0.2, -10]), np.array([x + 0.2, y + 0.2, 10])) for x, y in around]
+    slabs = [(np.array([-10.0, -10, z]), np.array([10.0, 10, z + 0.4])) for z in (-10.4, 10)]
+    cage = ways(None, *bars, *slabs)
+    path = line([0.0, 1, 0], [30, 1, 0], 80)
+    assert cage.airspace.allowed(path[:1]).all() and cage.airspace.broken(path).any()
+    safe = safe_positions(path, cage)
+    assert len(safe) == 80 and not cage.airspace.broken(safe).any()
+    assert np.abs(safe).max(axis=1).min() >= 12 and np.linalg.norm(safe[0] - [12, 1, 0]) < 4
+    assert safe[path[:, 0] > 15] == pytest.approx(path[path[:, 0] > 15], abs=0.5)
+
+
 def test_ground_ceiling_and_fence_hold() -> None:
     fence = np.array([[-30.0, -30], [30, -30], [30, 9], [-30, 9]])
     limits = Surroundings(ground_z_m=-5.0, ceiling_z_m=12.0, geofence_m=fence)

@@ -61,11 +61,15 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
     """
     if len(path) == 0 or _is_safe(path.positions, ways.airspace):
         return path
-    positions = pushed_out(path.positions, ways.planning)
+    rules, positions = ways.planning, pushed_out(path.positions, ways.planning)
     if not (good := _good(positions, ways)).all():
+        cut_off = np.flatnonzero(~good & rules.allowed(positions) & _sees_sky(positions, rules))
+        if len(cut_off):
+            place = int(cut_off[0]), positions[cut_off[0]]
+            raise _refusal(rules, *place, "no free way leads here from the rest")
         positions = _moved_to_free(positions, good, ways.graph)
     pieces, origin = [positions[:1]], [np.zeros(1)]
-    broken = ways.planning.broken(positions)
+    broken = rules.broken(positions)
     for leg in range(len(positions) - 1):
         line = positions[leg : leg + 2]
         if broken[leg]:
@@ -80,7 +84,7 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
     viewpoint = np.zeros(len(whence), bool)
     viewpoint[own] = path.is_viewpoint[np.round(whence[own]).astype(int)]
     added = path.added[np.floor(whence + 1e-9).astype(int)] & path.added[np.ceil(whence - 1e-9).astype(int)]
-    smooth = _corners_rounded(np.vstack(pieces), binary_dilation(~own) & ~viewpoint, ways.planning)
+    smooth = _corners_rounded(np.vstack(pieces), binary_dilation(~own) & ~viewpoint, rules)
     _refuse_unsafe(smooth, ways.airspace)
     return Waypoints(smooth, turned, np.interp(whence, index, path.t_s), viewpoint, added)
 
@@ -156,9 +160,6 @@ def _good(pushed: Floats, ways: Ways) -> Bools:
         members = np.flatnonzero((stretch == number) & good)
         probes = members[chosen_evenly(len(members), 8)]
         good[members] = any(len(links(ways.graph, probe)) for probe in pushed[probes])
-        if not good[members[0]] and _sees_sky(pushed[probes], ways.planning).all():
-            place = int(members[0]), pushed[members[0]]
-            raise _refusal(ways.planning, *place, "no free way leads here from the rest")
     return good
 
 

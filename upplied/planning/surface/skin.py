@@ -135,17 +135,23 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     if rim.any():
         graph = coo_matrix((length, pairs.T), (number, number)).tocsr()
         depth = dijkstra(graph, directed=False, indices=np.flatnonzero(rim), min_only=True)
-    # The widest ways first: a way is as wide as its shallower end.
+    # The widest ways first: a way is as wide as its shallower end. A sparse matrix sorts them by counting.
     rank = np.empty(number, np.int64)
     rank[np.argsort(-depth, kind="stable")] = np.arange(number)
-    pairs = pairs[np.argsort(rank[pairs].max(axis=1), kind="stable")]
+    last = np.maximum(*rank[pairs.T])
+    rows = coo_matrix((last, (last, np.arange(len(last)))), (number, len(last)))
+    pairs = pairs[rows.tocsr().indices]
     place, labels = with_normals(points, normals, TOUCH * spacing), np.zeros((len(_NECKS), number), np.int64)
+    beside, inner = np.arange(number), np.flatnonzero(~rim)  # the nearest sample off the rim
+    if len(inner):
+        beside[rim] = inner[cKDTree(place[inner]).query(place[rim])[1]]
     for label, neck in zip(labels, _NECKS, strict=True):
         label[:] = _basins(pairs, depth, neck)
         body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
         if not body.any():
             return np.zeros_like(labels)
-        label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
+        label[:], rest = label[beside], ~body[beside]
+        label[rest] = label[body][cKDTree(place[body]).query(place[rest])[1]]
         label[:] = np.unique(label, return_inverse=True)[1]
     return labels
 

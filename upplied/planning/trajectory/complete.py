@@ -75,11 +75,7 @@ def _with_transits(paths: Sequence[Waypoints], ways: Ways) -> list[Waypoints]:
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
-    """A carried flight made safe, and optimised for its own goal: every leg keeps the rules.
-
-    Refused if no safe path is found, or none within the departure from the demonstrated shape that
-    `refine.deviation` allows.
-    """
+    """A carried flight made safe, and optimised for its own goal; refused if no path keeps the limits."""
     take, flown = carried.take, goal.flown
     inspection, pair = take.inspection, take.pair
     flight, airspace = inspection.flight, airspace_of(pair, settings)
