@@ -138,9 +138,9 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     # The widest ways first: a way is as wide as its shallower end. A sparse matrix sorts them by counting.
     rank = np.empty(number, np.int64)
     rank[np.argsort(-depth, kind="stable")] = np.arange(number)
-    last = np.maximum(*rank[pairs.T])
-    rows = coo_matrix((last, (last, np.arange(len(last)))), (number, len(last)))
-    pairs = pairs[rows.tocsr().indices]
+    shallower = np.maximum(*rank[pairs.T])
+    by_rank = coo_matrix((shallower, (shallower, np.arange(len(pairs)))), (number, len(pairs)))
+    pairs = pairs[by_rank.tocsr().indices]
     place, labels = with_normals(points, normals, TOUCH * spacing), np.zeros((len(_NECKS), number), np.int64)
     beside, inner = np.arange(number), np.flatnonzero(~rim)  # the nearest sample off the rim
     if len(inner):
