@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -98,12 +99,13 @@ def test_explained_is_the_share_on_matched_parts_of_the_structure_with_less_of_i
     assert pair.explained(fit_of(cloud, cloud, None, None)) == 0
 
 
-def test_crumbs_are_not_counted_as_parts() -> None:
-    crumb = ([90, 0, 0], [1.9, 1.9, 1.9])  # 1.2 % of the hull's area, below 1 % with the fin's
-    assert pair.number_of_parts(boxes(HULL, FIN, POD)) == 3
-    assert (
-        pair.number_of_parts(boxes(HULL, crumb)) == 2 and pair.number_of_parts(boxes(HULL, HULL, crumb)) == 2
-    )
+def test_concentration_is_the_chance_that_two_places_lie_on_one_part() -> None:
+    area = np.array([2 * (a * b + b * c + c * a) for _, (a, b, c) in (HULL, FIN, POD)])
+    assert pair.concentration(boxes(HULL)) == pytest.approx(1)
+    expected = (area**2).sum() / area.sum() ** 2
+    assert pair.concentration(boxes(HULL, FIN, POD)) == pytest.approx(expected)
+    crumbs = [([90 + 3 * k, 0, 0], [1, 1, 1]) for k in range(8)]
+    assert pair.concentration(boxes(HULL, *crumbs)) == pytest.approx(1, abs=0.1)  # many, and no finer
 
 
 FIT = Registration(np.array([2.0, 1, 1]), np.eye(3), np.array([1.0, 0, 0]), 0.0, True)
@@ -214,10 +216,11 @@ def fitted(
     explained: list[float],
     monkeypatch: pytest.MonkeyPatch,
     scans: tuple[bool, bool] = (False, False),
+    clouds: Sequence[Cloud] = (),
     **choices: Any,
 ) -> tuple[Fit, list[Any]]:
     """The fit of the surfaces where parts are known of some, and so much of them is matched, one by one."""
-    clouds = [boxes(HULL, FIN, POD, number=60) if has else boxes(HULL, number=60) for has in known]
+    clouds = clouds or [boxes(HULL, FIN, POD, number=60) if has else boxes(HULL, number=60) for has in known]
     calls: list[Any] = []
     shares = iter(explained)
 
@@ -245,6 +248,35 @@ PLAIN = ("matched", (), 1)
 def test_pieces_that_explain_most_are_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     fit, calls = fitted((True, True), [0.6], monkeypatch, scans=(True, True))
     assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
+
+
+COARSE, FINE, CRUMBED = (
+    boxes(HULL, POD),
+    boxes(HULL, FIN, POD, ([0, 4, 0], [60, 8, 6]), ([0, 12, 0], [60, 8, 6])),
+    boxes(HULL, *(([70 + 3 * k, 0, 0], [2, 2, 2]) for k in range(7))),
+)
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "one"),
+    [(FINE, COARSE, 1), (COARSE, FINE, 0), (FINE, CRUMBED, 1), (CRUMBED, FINE, 0), (FINE, FINE, 1)],
+)
+def test_the_structure_that_is_divided_more_finely_tells_the_parts(
+    source: Cloud, target: Cloud, one: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """How many parts there are tells nothing: an airliner of 15 may have fuselage and wings in one."""
+    fit, _ = fitted((True, True), [0.1, 0.9, 0.1], monkeypatch, clouds=[source, target])
+    assert fit.inferred == one
+
+
+def test_among_structures_that_are_divided_alike_the_source_tells_the_parts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """So no millimetre decides which."""
+    longer = boxes(([0, -4, 0], [62, 8, 6]), FIN, POD)
+    for clouds in ([boxes(HULL, FIN, POD), longer], [longer, boxes(HULL, FIN, POD)]):
+        fit, _ = fitted((True, True), [0.1, 0.9, 0.1], monkeypatch, clouds=clouds)
+        assert fit.inferred == 1
 
 
 @pytest.mark.parametrize("scans", [(True, False), (False, True), (False, False)])

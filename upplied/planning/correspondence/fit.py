@@ -68,9 +68,9 @@ def named_by_displacement(fit: Fit) -> Ints:
     return np.where(left[labels_of(fit.target)] & (here[fit.carried] < 0), fit.carried, -1)
 
 
-def number_of_parts(cloud: Cloud) -> int:
-    """How many parts of some size there are."""
-    return int((parts_of(cloud).area > LEAST_PART).sum())
+def concentration(cloud: Cloud) -> float:
+    """The probability that two places of a surface lie on the same part: 1 where it is one."""
+    return float((parts_of(cloud).area ** 2).sum())
 
 
 def voxel_settings(settings: Settings) -> Settings:

@@ -14,9 +14,9 @@ from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
 from upplied.planning.correspondence.correspondences import by_displacement, correspond, nearest
 from upplied.planning.correspondence.fit import (
     Fit,
+    concentration,
     explained,
     named_by_displacement,
-    number_of_parts,
     surface_settings,
     voxel_settings,
     without_counterparts,
@@ -231,8 +231,9 @@ def surface_fit(task: Task) -> Fit:
     if same:
         fit = unnamed.matched(fit)
     if any(known) and explained(fit) < MAJORITY:
-        fewer = number_of_parts(fit.target) <= number_of_parts(fit.source)
-        one = int(fewer if same else known[0])
+        # The source's tell, which the flight is about, unless the target's are clearly finer.
+        finer = concentration(fit.target) < CLEARLY_BETTER * concentration(fit.source)
+        one = int(known[0] and not (same and finer))
         other = _with_inferred_parts(task, fit, one)
         inferred = other.fit_labelled(one, fit.registration)
         if not same or CLEARLY_BETTER * explained(inferred) > explained(fit):
