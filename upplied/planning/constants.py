@@ -20,7 +20,7 @@ TOLERANCE = (
 )
 MOST_RATIO = 3.0  # of extents or areas of parts that may correspond, and by which a path may be stretched
 FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
-CLEARLY_BETTER = 0.8  # share to which a misfit must fall for another registration to be taken
+CLEARLY_BETTER = 0.8  # share of a misfit, or of the coarseness of a division, up to which another is better
 # Demonstrations.
 JITTER_M = 0.02  # what no flight means, whether it is noise or not
 JITTER = 0.002  # the same as a share of the flight's extent, round small structures

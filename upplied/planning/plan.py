@@ -14,7 +14,7 @@ from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import counterparts_of
 from upplied.planning.carry.forecast import (
     doubts,
-    forecast_of,
+    evidence_of,
     least_probability,
     missing_of,
     undecided,
@@ -148,12 +148,9 @@ def _on_pair(
     if nothing := nothing_shown(takes[0].inspection, takes[0].pair, settings):
         return replace(plan, status="refused", reason=nothing), takes
     # Would a transfer show that?
-    likely = forecast_of(takes)
-    plan = replace(
-        plan,
-        acceptance_evidence=likely.evidence,
-        measures=Measures(acceptance_probability=likely.probability),
-    )
+    likely = evidence_of(takes[0])
+    measures = Measures(acceptance_probability=likely.probability)
+    plan = replace(plan, acceptance_evidence=likely.in_words, measures=measures)
     if least is not None and likely.probability < least:
         return replace(plan, status="refused", reason=unlikely(likely, least, registration)), takes
     # Which part of the target is it, and how certain is that?

@@ -13,11 +13,7 @@ from upplied.planning.carry.forecast import (
     OFFSET,
     WEIGHTS,
     Evidence,
-    Forecast,
     evidence_of,
-    forecast_of,
-    in_words,
-    probability_of,
     unlikely,
 )
 from upplied.planning.correspondence.fit import Fit
@@ -58,7 +54,7 @@ def evidence(**changes: Any) -> Evidence:
 def test_a_structure_speaks_for_itself() -> None:
     actual = evidence()
     assert actual.values == pytest.approx([0, 0, 0.3], abs=1e-6)
-    assert probability_of(actual) > 0.95
+    assert actual.probability > 0.95
 
 
 def test_what_has_no_counterpart_is_counted_by_weight_and_area() -> None:
@@ -98,30 +94,25 @@ def test_a_scaling_bends_nothing_and_a_wave_does() -> None:
 def test_the_probability_is_logistic_and_capped() -> None:
     actual = Evidence(0.1, 0.05, 0.9)
     against = sum(weight * value for weight, value in zip(WEIGHTS, actual.values, strict=True))
-    assert probability_of(actual) == pytest.approx(1 / (1 + np.exp(against - OFFSET)))
-    assert probability_of(Evidence(*np.full(3, 99.0))) == probability_of(Evidence(*CAPS)) < 0.01
+    assert actual.probability == pytest.approx(1 / (1 + np.exp(against - OFFSET)))
+    assert Evidence(*np.full(3, 99.0)).probability == Evidence(*CAPS).probability < 0.01
     assert actual.values.tolist() == [0.1, 0.05, 0.9]
-
-
-def test_the_first_take_speaks() -> None:
-    takes = [take(), take(weight=np.zeros(COUNT))]
-    assert forecast_of(takes).probability > 0.95 and forecast_of(takes[::-1]).probability < 0.1
 
 
 def test_the_evidence_in_words() -> None:
     actual = Evidence(0.1, 0.05, 0.9)
-    assert in_words(actual) == (
+    assert actual.in_words == (
         "matched surface 90 %, deviation from the best scaling 5 % of the region's size; "
         "residual of the whole structures 0.90"
     )
     nothing = Evidence(1.0, *actual.values[1:])
-    assert in_words(nothing) == (
+    assert nothing.in_words == (
         "no inspected surface has a counterpart; residual of the whole structures 0.90"
     )
-    sentence = unlikely(Forecast(0.333, "it is bad"), 0.6, SAME)
+    sentence = unlikely(nothing, 0.6, SAME)
     assert sentence == (
-        "what was inspected cannot be shown here: probability 0.33, 0.6 is required "
-        "(registration.least_probability); it is bad"
+        f"what was inspected cannot be shown here: probability {nothing.probability:.2f}, 0.6 is required "
+        f"(registration.least_probability); {nothing.in_words}"
     )
     refused = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, False, reason="no fit")
-    assert unlikely(Forecast(0.333, "it is bad"), 0.6, refused) == f"{sentence}; no fit"
+    assert unlikely(nothing, 0.6, refused) == f"{sentence}; no fit"

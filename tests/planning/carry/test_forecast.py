@@ -13,9 +13,7 @@ from upplied.planning.carry.forecast import (
     CAPS,
     WEIGHTS,
     Evidence,
-    forecast_of,
-    in_words,
-    probability_of,
+    evidence_of,
 )
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
@@ -31,7 +29,7 @@ LEAST = SETTINGS.registration.least_probability or 0.0
 
 def likely(source: Structure, target: Structure, inspection: str) -> float:
     pair = study_pair(source, target, SETTINGS)
-    return forecast_of(takes_of(fly(source, inspection, seed=4), pair, SETTINGS)).probability
+    return evidence_of(takes_of(fly(source, inspection, seed=4), pair, SETTINGS)[0]).probability
 
 
 def without(name: str, parts: tuple[str, ...]) -> Structure:
@@ -105,7 +103,7 @@ def test_evidence_only_counts_against() -> None:
         values = rng.random(len(CAPS)) * CAPS
         worse = values.copy()
         worse[rng.integers(len(CAPS))] += 0.1
-        assert probability_of(Evidence(*worse)) <= probability_of(Evidence(*values)) + 1e-12
+        assert Evidence(*worse).probability <= Evidence(*values).probability + 1e-12
     assert min(WEIGHTS) >= 0
     perfect = Evidence(*np.zeros(len(CAPS)))
-    assert probability_of(perfect) > 0.95 and "matched surface 100 %" in in_words(perfect)
+    assert perfect.probability > 0.95 and "matched surface 100 %" in perfect.in_words

@@ -178,13 +178,13 @@ def test_what_boxes_leave_is_matched_by_name(
     name: list[int], pinned: dict[int, int], source: list[int], target: list[int]
 ) -> None:
     known = Matching(np.array([0, 1, -1]), np.array([0, -1, 1, -1]))
-    matching = with_named(known, np.array(name), np.zeros((4, 3)), row_of_boxes(3), row_of_boxes(4), pinned)
+    matching = with_named(known, np.array(name), np.zeros((4, 3)), row_of_boxes(4), pinned)
     assert matching.source_class.tolist() == source and matching.target_class.tolist() == target
 
 
 def test_two_pieces_of_one_name_are_one_class() -> None:
     known = Matching(np.array([-1, 0]), np.array([-1, 0, -1]))
-    matching = with_named(known, np.array([0, 1, 0]), np.zeros((3, 2)), row_of_boxes(2), row_of_boxes(3), {})
+    matching = with_named(known, np.array([0, 1, 0]), np.zeros((3, 2)), row_of_boxes(3), {})
     assert counterparts(matching, 0) == [0, 2] and counterparts(matching, 1) == [1]
 
 
@@ -203,7 +203,7 @@ def test_parts_that_make_up_one_correspond_to_it(
     known = Matching(np.array([0, -1, -1, -1, -1]), np.array([0, -1, -1]))
     shares = np.array([[0.7, elsewhere, 0, 0, 0], [0, fin, 0.04, 0.04, 0.005], [0.0] * 5])
     target = replace(row_of_boxes(3), area=np.array([0.7, 0.2, 0.1]))
-    matching = with_named(known, np.full(3, -1), shares, row_of_boxes(5), target, pinned)
+    matching = with_named(known, np.full(3, -1), shares, target, pinned)
     assert matching.source_class.tolist() == classes
     assert matching.target_class.tolist() == [0, max(classes) if 1 in classes else -1, -1]
     assert known.source_class.tolist() == [0, -1, -1, -1, -1]  # as it was
@@ -212,16 +212,3 @@ def test_parts_that_make_up_one_correspond_to_it(
 def row_of_boxes(number: int) -> Parts:
     """Boxes in a row, none of which is known to have a mirror image."""
     return parts(np.arange(number)[:, None] * [10.0, 0, 0], np.full((number, 3), 5.0))
-
-
-def test_what_is_named_on_one_side_has_its_mirror_image_on_the_other() -> None:
-    """A fuselage and four engines; the left ones are named, the outer right one lies farther aft."""
-    low = np.array([[0.0, -2, 0], [20, 6, 0], [20, -9, 0], [10, 15, 0], [14, -18, 0]])
-    craft = parts(low, np.array([[60.0, 4, 4], [5, 3, 3], [5, 3, 3], [5, 3, 3], [5, 3, 3]]))
-    craft = replace(craft, side=sides(craft.low, craft.high, craft.low.min(axis=0), craft.high.max(axis=0)))
-    known = Matching(np.array([0, -1, -1, -1, -1]), np.array([0, -1, -1, -1, -1]))
-    matching = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), craft, craft, {})
-    assert [counterparts(matching, part) for part in range(5)] == [[0], [1], [2], [3], []]
-    unknown = replace(craft, side=np.full((5, 2), np.nan))  # a structure that is not its own mirror image
-    matching = with_named(known, np.array([-1, 1, -1, 3, -1]), np.zeros((5, 5)), unknown, unknown, {})
-    assert [counterparts(matching, part) for part in range(5)] == [[0], [1], [], [3], []]

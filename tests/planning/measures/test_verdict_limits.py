@@ -44,7 +44,8 @@ def open_air(monkeypatch: pytest.MonkeyPatch) -> None:
     air = Airspace(FAR, 2.0, Surroundings(ceiling_z_m=20.0))
     monkeypatch.setattr(verdict, "airspace_of", lambda pair, settings: air)
     monkeypatch.setattr(verdict, "demonstrated_on_target", lambda one: one.stretch * FLOWN.positions)
-    monkeypatch.setattr(verdict, "_larger", lambda one, settings: one.larger)
+    monkeypatch.setattr(verdict, "inspected_by", lambda one, settings: one.larger)
+    monkeypatch.setattr(verdict, "area_ratio", lambda takes, larger: larger)
 
 
 def short(

@@ -41,6 +41,22 @@ class Evidence(Record):
         """In the order of the fields, (3,)."""
         return np.array([getattr(self, item.name) for item in fields(self)], float)
 
+    @property
+    def probability(self) -> float:
+        """That most of what was inspected can be shown, 0 to 1."""
+        return logistic(self.values, OFFSET, WEIGHTS, CAPS)
+
+    @property
+    def in_words(self) -> str:
+        """As a row of figures."""
+        whole = f"residual of the whole structures {self.misfit:.2f}"
+        if self.without >= 1:
+            return f"no inspected surface has a counterpart; {whole}"
+        return (
+            f"matched surface {100 * (1 - self.without):.0f} %, deviation from the best scaling "
+            f"{100 * self.bent:.0f} % of the region's size; {whole}"
+        )
+
 
 def evidence_of(take: Take) -> Evidence:
     """The evidence of one take; a flight that was about nothing has all against it."""
@@ -77,43 +93,13 @@ OFFSET = 5.94
 WEIGHTS = (6.29, 3.94, 2.93)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Forecast(Record):
-    """Whether most of what was inspected can be shown on a target."""
-
-    probability: float  # 0 to 1
-    evidence: str  # its figures, in words
-
-
-def forecast_of(takes: Sequence[Take]) -> Forecast:
-    """The forecast of a demonstration on its target; of several takes that of the first."""
-    evidence = evidence_of(takes[0])
-    return Forecast(probability_of(evidence), in_words(evidence))
-
-
-def probability_of(evidence: Evidence) -> float:
-    """Probability that most of what was inspected can be shown, 0 to 1."""
-    return logistic(evidence.values, OFFSET, WEIGHTS, CAPS)
-
-
-def unlikely(likely: Forecast, least: float, wholes: Registration) -> str:
+def unlikely(likely: Evidence, least: float, wholes: Registration) -> str:
     """Why a transfer is refused, in words."""
     reason = (
         f"what was inspected cannot be shown here: probability {likely.probability:.2f}, "
-        f"{least:g} is required (registration.least_probability); {likely.evidence}"
+        f"{least:g} is required (registration.least_probability); {likely.in_words}"
     )
     return reason if wholes.accepted else f"{reason}; {wholes.reason}"
-
-
-def in_words(evidence: Evidence) -> str:
-    """The evidence as a row of figures."""
-    whole = f"residual of the whole structures {evidence.misfit:.2f}"
-    if evidence.without >= 1:
-        return f"no inspected surface has a counterpart; {whole}"
-    return (
-        f"matched surface {100 * (1 - evidence.without):.0f} %, deviation from the best scaling "
-        f"{100 * evidence.bent:.0f} % of the region's size; {whole}"
-    )
 
 
 def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry.vectors import scaled_normals, with_normals
-from upplied.planning.constants import FACING, LEAST_PART, MOST_RATIO, SLENDER, TOLERANCE
+from upplied.planning.constants import FACING, LEAST_PART, MAJORITY, MOST_RATIO, SLENDER, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching, match_parts, with_named
 from upplied.planning.geometry.clouds import box_scale, diagonal_of
-from upplied.planning.surface.parts import blades_of, extent_of, labels_of, names_of, parts_of
+from upplied.planning.surface.parts import blades_of, extent_of, images, labels_of, names_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
@@ -31,6 +31,7 @@ def matched(
     """Match the parts of two clouds, the target's already in the frame and at the scale of the source.
 
     Where parts were inferred by the names (M,) of the target's samples, what boxes leave is matched by name.
+    What corresponds on one side of structures that are their own mirror images does so on the other side.
     """
     diagonal, labels = diagonal_of(source.points), (labels_of(source), labels_of(registered))
 
@@ -40,11 +41,42 @@ def matched(
 
     here, there = parts_of(source), parts_of(registered)
     matching = match_parts(here, there, diagonal, fits, pinned)
-    if named is None:
-        return matching
-    shares, known = np.zeros((len(there), len(here))), named >= 0
-    np.add.at(shares, (labels[1][known], named[known]), registered.areas[known] / registered.areas.sum())
-    return with_named(matching, names_of(registered, named), shares, here, there, pinned or {})
+    if named is not None:
+        shares, known = np.zeros((len(there), len(here))), named >= 0
+        np.add.at(shares, (labels[1][known], named[known]), registered.areas[known] / registered.areas.sum())
+        matching = with_named(matching, names_of(registered, named), shares, there, pinned or {})
+    return matching if pinned else _on_both_sides(matching, source, registered)
+
+
+def _on_both_sides(matching: Matching, source: Cloud, registered: Cloud) -> Matching:
+    """The same, and what is in no class joins what lies across from the counterparts of its mirror image."""
+    mine, theirs = matching.source_class.copy(), matching.target_class.copy()
+    for axis in (1, 0):
+        # A part of the source in no class counts as one of its own.
+        own = np.where(mine < 0, len(matching) + np.arange(len(mine)), mine)
+        theirs = _told(registered, theirs, source, own, axis)
+        mine = np.where(np.isin(own, theirs), own, -1)
+        mine = _told(source, mine, registered, theirs, axis)
+        kinds = np.unique(mine[mine >= 0])
+        mine, theirs = (np.where(of >= 0, np.searchsorted(kinds, of), -1) for of in (mine, theirs))
+        matching = Matching(mine, theirs)
+    return matching
+
+
+def _told(cloud: Cloud, kind: Ints, other: Cloud, other_kind: Ints, axis: int) -> Ints:
+    """The kinds (K,) of a cloud's parts: of one without, what lies across from its image's on the other."""
+    label, parts = other_kind[labels_of(other)], parts_of(cloud)
+    classes = replace(other, part=np.where(label < 0, other_kind.max() + 1, label))
+    image = names_of(cloud, _imaged(cloud, kind, axis))
+    across = names_of(classes, _imaged(other, other_kind, axis))
+    lone = (kind < 0) & (parts.area > LEAST_PART) & (np.abs(parts.side[:, axis]) > MAJORITY)
+    return np.where(lone & (image >= 0), across[image], kind)
+
+
+def _imaged(cloud: Cloud, kind: Ints, axis: int) -> Ints:
+    """The kind (N,) of the part on which the mirror image of each sample lies, -1 for none."""
+    image = images(cloud)[:, axis]
+    return np.where(image >= 0, kind[labels_of(cloud)[image]], -1)
 
 
 def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch, Patch]:

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, MOST_RATIO, TOLERANCE
-from upplied.planning.surface.parts import Parts, mirror_images, sides
+from upplied.planning.surface.parts import Parts, sides
 from upplied.records import Bools, Floats, Ints, Record
 
 _ALIKE = 1.8  # ratio of extents along an axis, boxes matched, up to which parts surely correspond
@@ -191,15 +191,14 @@ def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: 
 
 
 def with_named(
-    matching: Matching, name: Ints, shares: Floats, source: Parts, target: Parts, pinned: Mapping[int, int]
+    matching: Matching, name: Ints, shares: Floats, target: Parts, pinned: Mapping[int, int]
 ) -> Matching:
     """Let parts that were matched with none correspond to what comes to them, or what they come to.
 
     A fuselage of which the middle was never scanned is two parts, a pier without its cap has another box, and
     a T-tail makes one part of a fin and two stabilisers. `name` (L,) is the source part that each target part
     is named by, -1 where there is none; `brought` (L, K) how much of the target's surface lies on each of its
-    parts and is what each source part comes to. `pinned` parts, as the user named them, stay. What is named
-    on one side of structures that are their own mirror images holds on the other side.
+    parts and is what each source part comes to. `pinned` parts, as the user named them, stay.
     """
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
     for other in np.flatnonzero(target_class < 0):
@@ -208,11 +207,6 @@ def with_named(
         mine &= shares[other] > _PART_OF * shares[other, mine].sum()
         if shares[other, mine].sum() > MAJORITY * target.area[other]:
             source_class[mine] = target_class[other] = max(source_class.max(), target_class.max()) + 1
-    name = name.copy()
-    for axis in (1, 0):
-        here, there = mirror_images(source, axis), mirror_images(target, axis)
-        images = np.where(name >= 0, here[name], -1)[there]
-        name = np.where((name < 0) & (there >= 0) & (images >= 0), images, name)
     for other in np.flatnonzero((target_class < 0) & (name >= 0)):
         part = int(name[other])
         if source_class[part] < 0 and part not in pinned:

@@ -17,7 +17,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.carry.affine import demonstrated_on_target, registered_map, standing
-from upplied.planning.carry.forecast import forecast_of
+from upplied.planning.carry.forecast import evidence_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
 from upplied.planning.carry.standoff import carried_sight, counted, picture_share
 from upplied.planning.demonstration.repetition import Take, begins_of
@@ -59,7 +59,7 @@ def judge(
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
     paper = _seen(takes, settings, False), views(trajectory, pair.voxels.target, camera, BY_FRUSTUM)
-    if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
+    if not pair.surface.registration.accepted and evidence_of(takes[0]).probability < _LIKELY:
         measures = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
         warnings = unmeasured, *too_near(measures, settings), *by_camera(measures, takes, settings)

@@ -88,15 +88,11 @@ def _at_size(takes: Sequence[Take], settings: Settings) -> tuple[float, float]:
         flown = take.inspection.by_frustum.stations
         both = flown.positions, demonstrated_on_target(take)
         before, carried = (float(leg_lengths(path).sum()) for path in both)
-        times = max(1.0, carried / max(before, 1e-9), _larger(take, settings))
+        larger = area_ratio([take], inspected_by(take, settings)) if settings.refine.added_passes else 1.0
+        times = max(1.0, carried / max(before, 1e-9), larger)
         length_m += max(carried, before * times)
         time_s += float(flown.t_s[-1] - flown.t_s[0]) * times
     return length_m, time_s
-
-
-def _larger(take: Take, settings: Settings) -> float:
-    """How many times the inspected area is larger on the target, where passes are added to show it."""
-    return area_ratio([take], inspected_by(take, settings)) if settings.refine.added_passes else 1.0
 
 
 def odd_shape(measures: Measures, settings: Settings) -> tuple[str, ...]:

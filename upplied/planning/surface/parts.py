@@ -87,17 +87,18 @@ def _measured(cloud: Cloud) -> Parts:
     number = int(label.max()) + 1
     low, high = corners_of(points, label)
     side = sides(low, high, points.min(axis=0), points.max(axis=0))
-    near, pairs = contacts_of(points, label)
+    touching, pairs = contacts_of(points, label)
+    near = np.stack([np.bincount(label, weights=axis >= 0) for axis in images(cloud).T], axis=1)
     share = np.bincount(label, weights=area) / area.sum()
     extent = np.array([extent_of(points[label == part]) for part in range(number)])
     return Parts(
         low=low,
         high=high,
         area=share,
-        touching=near > 0,
+        touching=touching > 0,
         body=_bodies(cloud, label, pairs),
         extent=extent,
-        side=np.where(_mirrored(cloud, label, area), side, np.nan),
+        side=np.where(near > _MIRRORED * np.bincount(label)[:, None], side, np.nan),
         blade=blades(extent, share, (low + high) / 2),
     )
 
@@ -154,36 +155,28 @@ def names_of(cloud: Cloud, named: Ints) -> Ints:
     return np.where(some & (area.max(axis=1) > MAJORITY * area.sum(axis=1)), area.argmax(axis=1), -1)
 
 
-def mirror_images(parts: Parts, axis: int) -> Ints:
-    """The part (K,) at the mirror image of each, across an axis (0 or 1); -1 where there is none."""
-    low, high = parts.low.copy(), parts.high.copy()
-    whole = parts.low.min(axis=0), parts.high.max(axis=0)
-    low[:, axis], high[:, axis] = (whole[0] + whole[1])[axis] - np.stack([high[:, axis], low[:, axis]])
-    own = np.concatenate([parts.low, parts.high], axis=1)
-    off = np.abs(np.concatenate([low, high], axis=1)[:, None] - own).max(axis=2)
-    near = off.min(axis=1) < CONTACT * np.linalg.norm(whole[1] - whole[0])
-    return np.where(near & np.isfinite(parts.side[:, axis]), off.argmin(axis=1), -1)
+def images(cloud: Cloud) -> Ints:
+    """The sample (N, 2) nearest to the mirror image of each, front for rear, left for right; -1 for none."""
+    return cloud.derived("images", lambda: _images(cloud))
+
+
+def _images(cloud: Cloud) -> Ints:
+    points, tree, area = cloud.points, cKDTree(cloud.points), cloud.areas
+    low, high = points.min(axis=0), points.max(axis=0)
+    reach = max(CONTACT * float(np.linalg.norm(high - low)), spacing(cloud))
+    nearest = np.empty((len(cloud), 2), np.int64)
+    for axis in (0, 1):
+        image = points.copy()
+        image[:, axis] = low[axis] + high[axis] - image[:, axis]
+        nearest[:, axis] = tree.query(image, distance_upper_bound=reach)[1]
+    near = nearest < len(cloud)
+    return np.where(near & (area @ near > _MIRRORED * area.sum()), nearest, -1)
 
 
 def extent_of(points: Floats) -> Floats:
     """Extents (3,) of points along their own principal axes, m, longest first."""
     offset = points - points.mean(axis=0)
     return np.ptp(offset @ np.linalg.eigh(offset.T @ offset)[1], axis=0)[::-1]
-
-
-def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
-    """Which parts (K, 2) have a mirror image on a structure that is mostly its own mirror image."""
-    points, tree = cloud.points, cKDTree(cloud.points)
-    low, high = points.min(axis=0), points.max(axis=0)
-    reach = max(CONTACT * float(np.linalg.norm(high - low)), spacing(cloud))
-    mirrored = np.empty((int(label.max()) + 1, 2), bool)
-    for axis in (0, 1):
-        image = points.copy()
-        image[:, axis] = low[axis] + high[axis] - image[:, axis]
-        near = tree.query(image, distance_upper_bound=reach)[0] < reach
-        whole = area[near].sum() > _MIRRORED * area.sum()
-        mirrored[:, axis] = whole & (np.bincount(label, weights=near) > _MIRRORED * np.bincount(label))
-    return mirrored
 
 
 def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
