@@ -16,6 +16,7 @@ BODY: BoxOf = ([0, -2, 0], [60, 4, 4])
 NEAR = [([20, 6, 0], [6, 3, 3]), ([20, -9, 0], [6, 3, 3])]  # engines, left and right
 FAR = [([10, 15, 0], [6, 3, 3]), ([10, -18, 0], [6, 3, 3])]
 WING, RIGHT = ([24, 2, 1], [10, 30, 1]), ([24, -32, 1], [10, 30, 1])
+LARGE: BoxOf = ([0, -8, -4], [90, 16, 12])
 INNER, TIP = ([24, -20, 1], [10, 18, 1]), ([24, -32, 1], [10, 12, 1])
 
 
@@ -47,12 +48,17 @@ def test_the_engine_across_from_one_that_is_matched_is_matched_with_the_one_acro
 
 def test_the_tip_of_a_wing_that_is_a_piece_of_its_own_on_one_side_belongs_to_the_wings() -> None:
     """Else that side's inner wing alone would be inspected, and all of it shown."""
-    source = boxes(BODY, ([24, -32, 1], [10, 64, 1]))
-    target = boxes(BODY, WING, INNER, TIP)
+    source, target = boxes(LARGE, ([24, -32, 1], [10, 64, 1])), boxes(LARGE, WING, INNER, TIP)
     matching = on_both_sides(source, target, [0, 1], [0, 1, 1, -1])
     assert matching.target_class.tolist() == [0, 1, 1, 1] and matching.source_class.tolist() == [0, 1]
     matching = on_both_sides(target, source, [0, 1, 1, -1], [0, 1])
     assert matching.source_class.tolist() == [0, 1, 1, 1]
+
+
+def test_what_is_most_of_a_structure_lies_on_no_side() -> None:
+    """Else all of a bridge would be one, and correspond to all of another for certain."""
+    source, target = boxes(BODY, ([24, -32, 1], [10, 64, 1])), boxes(BODY, WING, INNER, TIP)
+    assert on_both_sides(source, target, [-1, 0], [-1, 0, 0, -1]).target_class.tolist() == [-1, 0, 0, -1]
 
 
 def test_what_lies_in_the_middle_is_of_no_side_and_joins_nothing() -> None:

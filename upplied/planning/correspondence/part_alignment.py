@@ -64,13 +64,14 @@ def _on_both_sides(matching: Matching, source: Cloud, registered: Cloud) -> Matc
 
 
 def _told(cloud: Cloud, kind: Ints, other: Cloud, other_kind: Ints, axis: int) -> Ints:
-    """The kinds (K,) of a cloud's parts: of one without, what lies across from its image's on the other."""
+    """The kinds (K,) of a cloud's parts: of one without, what lies across from its image's, if less than half."""
     label, parts = other_kind[labels_of(other)], parts_of(cloud)
     classes = replace(other, part=np.where(label < 0, other_kind.max() + 1, label))
     image = names_of(cloud, _imaged(cloud, kind, axis))
     across = names_of(classes, _imaged(other, other_kind, axis))
+    small = np.bincount(labels_of(classes), weights=other.areas) <= MAJORITY * other.areas.sum()
     lone = (kind < 0) & (parts.area > LEAST_PART) & (np.abs(parts.side[:, axis]) > MAJORITY)
-    return np.where(lone & (image >= 0), across[image], kind)
+    return np.where(lone & (image >= 0) & small[image], across[image], kind)
 
 
 def _imaged(cloud: Cloud, kind: Ints, axis: int) -> Ints:
