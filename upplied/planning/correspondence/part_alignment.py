@@ -64,7 +64,7 @@ def _on_both_sides(matching: Matching, source: Cloud, registered: Cloud) -> Matc
 
 
 def _told(cloud: Cloud, kind: Ints, other: Cloud, other_kind: Ints, axis: int) -> Ints:
-    """The kinds (K,) of a cloud's parts: of one without, what lies across from its image's, if less than half."""
+    """The kinds (K,) of a cloud's parts: of one without, what lies across from its image's, where small."""
     label, parts = other_kind[labels_of(other)], parts_of(cloud)
     classes = replace(other, part=np.where(label < 0, other_kind.max() + 1, label))
     image = names_of(cloud, _imaged(cloud, kind, axis))
