@@ -54,16 +54,16 @@ def _on_both_sides(matching: Matching, source: Cloud, registered: Cloud) -> Matc
     for axis in (1, 0):
         # A part of the source in no class counts as one of its own.
         own = np.where(mine < 0, len(matching) + np.arange(len(mine)), mine)
-        theirs = _told(registered, theirs, source, own, axis)
+        theirs = _kinds_across(registered, theirs, source, own, axis)
         mine = np.where(np.isin(own, theirs), own, -1)
-        mine = _told(source, mine, registered, theirs, axis)
+        mine = _kinds_across(source, mine, registered, theirs, axis)
         kinds = np.unique(mine[mine >= 0])
         mine, theirs = (np.where(of >= 0, np.searchsorted(kinds, of), -1) for of in (mine, theirs))
         matching = Matching(mine, theirs)
     return matching
 
 
-def _told(cloud: Cloud, kind: Ints, other: Cloud, other_kind: Ints, axis: int) -> Ints:
+def _kinds_across(cloud: Cloud, kind: Ints, other: Cloud, other_kind: Ints, axis: int) -> Ints:
     """The kinds (K,) of a cloud's parts: of one without, what lies across from its image's, where small."""
     label, parts = other_kind[labels_of(other)], parts_of(cloud)
     classes = replace(other, part=np.where(label < 0, other_kind.max() + 1, label))

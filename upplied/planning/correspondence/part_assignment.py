@@ -197,7 +197,7 @@ def with_named(
 
     A fuselage of which the middle was never scanned is two parts, a pier without its cap has another box, and
     a T-tail makes one part of a fin and two stabilisers. `name` (L,) is the source part that each target part
-    is named by, -1 where there is none; `brought` (L, K) how much of the target's surface lies on each of its
+    is named by, -1 where there is none; `shares` (L, K) how much of the target's surface lies on each of its
     parts and is what each source part comes to. `pinned` parts, as the user named them, stay.
     """
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
