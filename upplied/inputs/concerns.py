@@ -15,6 +15,7 @@ from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import Topology, used_vertices
 from upplied.inputs.rules import RULES, Verdict, broken, measured, refusals, unlike_its_kind
 from upplied.records import Bools, Floats, Ints, Record
+from upplied.records.structures import BURIED_M
 
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there
 _EFFECT = re.compile(
@@ -146,7 +147,7 @@ def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats
         yield measured("odd-extent", longest)
     if np.abs(centre).max() >= _FAR_M:
         yield measured("far", np.linalg.norm(centre) / 1000)
-    if ground is not None and low[2] < ground - 0.1 and not entry.clip_ground:
+    if ground is not None and low[2] < ground - BURIED_M and not entry.clip_ground:
         yield measured("below-ground", ground - low[2])
     if ground is not None and low[2] - ground > max(_STANDS_M, _STANDS * (high[2] - low[2])):
         yield measured("floating", low[2] - ground)

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from upplied.records.base import Floats, Ints, Record
+from upplied.records.base import Bools, Floats, Ints, Record
+
+BURIED_M = 0.1  # under the declared ground or water, from where on surface counts as hidden: files are rough
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,6 +103,11 @@ class Structure(Record):
         """Height of the ground, m: as declared, else of the lowest point."""
         ground = self.surroundings.ground_z_m
         return float(self.vertices[:, 2].min()) if ground is None else float(ground)
+
+    def buried(self, points: Floats) -> Bools:
+        """Which places (N, 3) lie under the declared ground or water, where no camera shows them."""
+        ground = self.surroundings.ground_z_m
+        return np.asarray(points[:, 2] < (-np.inf if ground is None else ground - BURIED_M), bool)
 
     @property
     def frame(self) -> Frame:

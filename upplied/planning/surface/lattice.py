@@ -40,7 +40,7 @@ def lattice(structure: Structure, spacing_m: float, some: Ints | None = None) ->
     """The points at which lines of a spacing, m, cross a mesh, or `some` (S,) of its triangles.
 
     The lattices turn and move with the structure (`surface.frames`). Points are of both sides of a sheet,
-    hidden or not; the areas add up to the mesh's.
+    hidden or not, but none under the ground; the areas add up to the mesh's.
     """
     chosen = np.arange(len(structure.triangles)) if some is None else some
     middle = centre(structure)
@@ -56,10 +56,12 @@ def lattice(structure: Structure, spacing_m: float, some: Ints | None = None) ->
             mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
             mixed ^= mixed >> np.uint64(31)
+    points += middle
     order = np.argsort(mixed.view(np.int64), kind="stable")
+    order = order[~structure.buried(points[order])]
     line = line[order]
     coarse = (line[:, 2] + line[:, 3]) % 2 == 0
-    return Lattice(points[order] + middle, chosen[line[:, 0]], area[order], coarse)
+    return Lattice(points[order], chosen[line[:, 0]], area[order], coarse)
 
 
 def centre(structure: Structure) -> Floats:

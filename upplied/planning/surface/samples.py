@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
+from upplied.errors import RefusedError
 from upplied.geometry.scene import Scene, discs_of
 from upplied.geometry.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 from upplied.planning.constants import TOUCH
@@ -56,7 +57,15 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
         `points` (N, 3), m, structure frame; outward `normals` (N, 3); `area_m2` (N,), whose sum is
         the outside area; `part` (N,), 0 the largest; `open` (N,) of a scan. Every beginning of
         them is spread evenly (`surface.lattice`).
+
+    Raises
+    ------
+    RefusedError
+        If all of it lies under its declared ground.
     """
+    if structure.buried(structure.vertices).all():
+        rule = "nobody sees what lies under the ground", "check ground_z, units and the axis up"
+        raise RefusedError(structure.structure_id, "all of it lies under its ground_z", *rule)
     if len(structure.triangles):
         floor, pieces = floor_of(structure), mesh_pieces(structure)
         number = _SPARE * settings.surface_samples
@@ -118,15 +127,15 @@ def _of_discs(structure: Structure, scene: Scene) -> tuple[Floats, Floats, Float
     discs = discs_of(structure)
     points, normals, distance = discs.points, discs.normals, discs.away[:, :_AREA]
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
+    seen = ~structure.buried(points)
     if structure.normals is None:
         normals = plane_normals(points, discs.nearest[:, :_AREA])
         gap, reach = float(np.median(distance[:, 1])), 2 * structure.diagonal_m
         ahead = escapes(points + gap * normals, normals, reach, scene)
         behind = escapes(points - gap * normals, -normals, reach, scene)
-        outward = np.where((behind > ahead)[:, None], -normals, normals)
-        seen: Bools = np.maximum(ahead, behind) >= ESCAPE
-        points, normals, area = points[seen], outward[seen], area[seen]
-    return points, normals, area
+        normals = np.where((behind > ahead)[:, None], -normals, normals)
+        seen &= np.maximum(ahead, behind) >= ESCAPE
+    return points[seen], normals[seen], area[seen]
 
 
 def beside(cloud: Cloud, region: Bools) -> Bools:
@@ -208,7 +217,7 @@ def _of_points(
     """The same of a structure given as points: those of its points that lie there."""
     points = structure.vertices
     like = cKDTree(cloud.points).query(points)[1]
-    chosen = np.flatnonzero(region[like])
+    chosen = np.flatnonzero(region[like] & ~structure.buried(points))
     chosen = np.sort(np.random.default_rng(0).permutation(chosen)[: _SPARE * number])
     points, like, outward = points[chosen], like[chosen], outward_of_points(structure, chosen, cloud)
     if structure.normals is not None:
