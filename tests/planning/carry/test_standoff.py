@@ -136,34 +136,31 @@ def test_viewpoints_speak_by_equal_shares_of_their_pictures() -> None:
 
 
 @pytest.mark.parametrize("normals", [True, False])
-def test_a_picture_is_filled_by_solid_angles_of_parts_that_were_seen(normals: bool) -> None:
+def test_a_picture_is_about_the_solid_angles_of_the_subject(normals: bool) -> None:
     rng = np.random.default_rng(3)
     facing = rng.normal(size=(20, 3))
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    area, part, seen = rng.uniform(1, 3, 20), np.repeat([0, 1], 10), rng.random(20) < 0.6
-    cloud = Cloud(rng.normal(0, 2, (20, 3)), facing if normals else None, area, part)
+    area, attention = rng.uniform(1, 3, 20), rng.random(20)
+    attention[[4, 12]] = 0.0, 0.001  # what is beside the subject counts a hundredth
+    cloud = Cloud(rng.normal(0, 2, (20, 3)), facing if normals else None, area)
     known, positions = np.array([1, 4, 12, 19]), rng.normal(0, 8, (3, 3))
-    share = picture_share(positions, cloud, known, seen)
+    seen = rng.random((3, 4)) < 0.7
+    share = picture_share(positions, cloud, known, seen, attention)
+    assert share.any() and not share[~seen].any()
     for row, at in enumerate(positions):
         for column, sample in enumerate(known):
-            mine = part == part[sample]
-            seen_share = area[mine & seen].sum() / area[mine].sum()
             ray = at - cloud.points[sample]
             length = np.linalg.norm(ray)
             cosine = max(ray @ facing[sample] / length, 0) if normals else 1.0
-            assert share[row, column] == pytest.approx(area[sample] * seen_share**2 * cosine / length**2)
-    plain = Cloud(cloud.points)
-    even = picture_share(positions, plain, known, np.ones(20, bool))
-    assert even == pytest.approx(1 / np.sum((positions[:, None] - cloud.points[known]) ** 2, axis=2))
+            angle = area[sample] * seen[row, column] * cosine / length**2
+            assert share[row, column] == pytest.approx(angle * max(attention[sample], 0.01))
 
 
 def test_a_camera_on_a_sample_sees_it_as_from_a_millimetre() -> None:
     cloud = Cloud(np.zeros((1, 3)), np.array([[1.0, 0, 0]]))
-    at = np.array([[1e-4, 0, 0]])
-    assert picture_share(at, cloud, np.array([0]), np.ones(1, bool))[0, 0] == pytest.approx(1e-4 / 1e-9)
-    assert picture_share(at, Cloud(np.zeros((1, 3))), np.array([0]), np.ones(1, bool))[0, 0] == pytest.approx(
-        1e6
-    )
+    at, about = np.array([[1e-4, 0, 0]]), (np.array([0]), np.ones((1, 1), bool), np.ones(1))
+    assert picture_share(at, cloud, *about)[0, 0] == pytest.approx(1e-4 / 1e-9)
+    assert picture_share(at, Cloud(np.zeros((1, 3))), *about)[0, 0] == pytest.approx(1e6)
 
 
 def test_lines_of_sight_are_carried_only_where_they_scale() -> None:

@@ -39,7 +39,7 @@ def follow(scale, **settings):
     carrier = AxisMap(np.eye(3) * scale, np.zeros(3))
     seen = facing(flight, cloud)
     return flight, follow_counterparts(
-        flight, seen, cloud, pairs, carrier, TransferSettings(**settings), CAMERA, 0.1
+        flight, seen, cloud, np.ones(400), pairs, carrier, TransferSettings(**settings), CAMERA, 0.1
     )
 
 
@@ -70,7 +70,7 @@ def test_a_ground_sampling_distance_sets_the_distance():
     pairs = Correspondences(np.arange(400), np.zeros(400), cloud.points)
     camera = Camera(hfov_deg=90, max_range_m=200, width_px=1000)
     path = follow_counterparts(
-        flight, facing(flight, cloud), cloud, pairs, AxisMap(np.eye(3), np.zeros(3)),
+        flight, facing(flight, cloud), cloud, np.ones(400), pairs, AxisMap(np.eye(3), np.zeros(3)),
         TransferSettings(gsd_m=0.03), camera, 0.1,
     )  # fmt: skip
     distance = np.linalg.norm(path.positions[:, None] - cloud.points, axis=2)
@@ -78,11 +78,29 @@ def test_a_ground_sampling_distance_sets_the_distance():
     assert np.nanmedian(in_view) == pytest.approx(0.03 * 1000 / 2, rel=0.15)
 
 
+def test_the_flight_follows_what_it_was_about_and_not_what_is_beside_it():
+    """A subject in front of a large wall that has moved elsewhere on the target."""
+    across, up = np.meshgrid(np.linspace(-20, 20, 41), np.linspace(-20, 20, 41))
+    wall = np.column_stack([np.full(across.size, 6.0), across.ravel(), up.ravel()])
+    subject = np.column_stack([np.zeros(25), *(axis[18:23, 18:23].ravel() for axis in (across, up))])
+    points = np.concatenate([subject, wall])
+    cloud = Cloud(points, np.tile([-1.0, 0, 0], (len(points), 1)), np.ones(len(points)))
+    positions = np.column_stack([np.full(30, -8.0), np.linspace(-2, 2, 30), np.zeros(30)])
+    flight = Trajectory(np.arange(30.0), positions, look_at(positions, np.zeros((30, 3))))
+    there = points + np.where(np.arange(len(points))[:, None] < 25, [3.0, 0, 0], [-40.0, 0, 0])
+    pairs = Correspondences(np.arange(len(points)), np.zeros(len(points)), there)
+    seen, identity = Visibility(np.ones((30, len(points)), bool)), AxisMap(np.eye(3), np.zeros(3))
+    attention = (np.arange(len(points)) < 25).astype(float)
+    settings = TransferSettings(standoff="kept")
+    path = follow_counterparts(flight, seen, cloud, attention, pairs, identity, settings, CAMERA, 0.1)
+    assert path.positions[:, 0] == pytest.approx(-5.0, abs=0.7)
+
+
 def test_a_flight_that_sees_nothing_known_is_carried_by_the_map():
     cloud, flight = ball(), orbit()
     none = Correspondences(np.full(400, -1), np.full(400, np.nan), np.full((400, 3), np.nan))
     path = follow_counterparts(
-        flight, facing(flight, cloud), cloud, none, AxisMap(2 * np.eye(3), np.ones(3)),
+        flight, facing(flight, cloud), cloud, np.ones(400), none, AxisMap(2 * np.eye(3), np.ones(3)),
         TransferSettings(), CAMERA, 0.1,
     )  # fmt: skip
     np.testing.assert_allclose(path.positions, 2 * flight.positions + 1)

@@ -47,6 +47,7 @@ def follow_counterparts(
     flight: Trajectory,
     visibility: Visibility,
     source: Cloud,
+    attention: Floats,
     correspondences: Correspondences,
     carrier: AxisMap,
     settings: TransferSettings,
@@ -63,6 +64,8 @@ def follow_counterparts(
         What each pose truly sees of `source`, (M, N).
     source : Cloud
         N surface samples with areas.
+    attention : array, shape (N,)
+        How much the flight was about each.
     correspondences : Correspondences
         From `source` to the target's surface samples.
     carrier : AxisMap
@@ -77,7 +80,7 @@ def follow_counterparts(
         nothing = Counted(np.empty((len(flight), 0)), np.empty((0, 3)), None, np.full(len(flight), np.nan))
         return Followed(positions, quats, nothing)
     here, there = source.points[known], correspondences.target_points[known]
-    weight = visibility.seen[:, known] * picture_share(flight.positions, source, known, visibility.total)
+    weight = picture_share(flight.positions, source, known, visibility.seen[:, known], attention)
     coarse = coarseness(camera, flight.fov_deg)
     standoff = counted(flight.positions, weight, here, there, carrier, settings, camera, nearest_m, coarse)
     if standoff.middle is not None and standoff.before is not None:
@@ -196,7 +199,7 @@ def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standof
     inspection, fit, limits = take.inspection, take.pair.surface, settings.retime
     flight, mapped = inspection.flight, registered_map(fit.registration)
     carrier = next(iter(_about_inspected(take, mapped.matrix)), mapped)
-    seen = inspection.visibility, fit.source, fit.correspondences
+    seen = inspection.visibility, fit.source, inspection.attention.weight, fit.correspondences
     rules = settings.transfer, inspection.camera, settings.route.clearance_m
     followed = follow_counterparts(flight, *seen, carrier, *rules)
     positions, quats = followed.positions, followed.quat_xyzw

@@ -16,11 +16,11 @@ from scipy.spatial.distance import cdist
 from upplied.config import TransferSettings, focal_px
 from upplied.planning.carry.affine import AxisMap
 from upplied.planning.constants import FOVEA, TOLERANCE
-from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 _LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
+_BESIDE = 0.01  # attention, that what is beside the subject counts at least
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,28 +38,25 @@ class Standoff(Record):
         return float(np.median(self.wanted_m)) if len(self.wanted_m) else 0.0
 
 
-def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:
-    """How much of each picture (M, K) is about each of K samples.
+def picture_share(positions: Floats, source: Cloud, known: Ints, seen: Bools, attention: Floats) -> Floats:
+    """How much of each picture (M, K) is about each of K samples, `seen` (M, K) in it or not.
 
-    That is the solid angle under which the camera sees it, how much of the picture it fills, times
-    the squared share of its part that the whole flight saw, `inspected` (N,): who flies round an engine
-    means the engine, though the fuselage behind it fills more of the pictures.
+    That is the solid angle under which the camera sees it, how much of the picture it fills, times its
+    `attention` (N,): who flies round an engine means the engine, though the fuselage behind it fills more of
+    the pictures. A picture of nothing else is about what is beside the subject.
     """
-    area = source.areas
-    label = labels_of(source)
-    share = np.bincount(label, weights=area * inspected) / np.bincount(label, weights=area)
-    weight = area[known] * share[label[known]] ** 2
-    points = np.ascontiguousarray(source.points[known])
+    area, points = source.areas[known], np.ascontiguousarray(source.points[known])
     if source.normals is None:
-        squared = np.maximum(cdist(positions, points, "sqeuclidean"), _LEAST_M2)
-        return np.asarray(weight / squared)
-    normals = np.ascontiguousarray(source.normals[known])
-    return np.asarray(_solid_angles(np.ascontiguousarray(positions), points, normals, weight))
+        angles = area / np.maximum(cdist(positions, points, "sqeuclidean"), _LEAST_M2)
+    else:
+        normals = np.ascontiguousarray(source.normals[known])
+        angles = _solid_angles(np.ascontiguousarray(positions), points, normals, area)
+    return np.asarray(angles * seen * np.maximum(attention[known], _BESIDE))
 
 
 @njit(cache=True)
-def _solid_angles(positions: Floats, points: Floats, normals: Floats, weight: Floats) -> Floats:
-    """Under which each position (M, 3) sees surface of an area `weight` (K,) at each point, (M, K)."""
+def _solid_angles(positions: Floats, points: Floats, normals: Floats, area: Floats) -> Floats:
+    """Under which each position (M, 3) sees surface of an area (K,) at each point, (M, K)."""
     angles = np.zeros((len(positions), len(points)))
     for pose in range(len(positions)):
         for sample in range(len(points)):
@@ -69,7 +66,7 @@ def _solid_angles(positions: Floats, points: Floats, normals: Floats, weight: Fl
                 squared += ray * ray
                 facing += ray * normals[sample, axis]
             squared = max(squared, _LEAST_M2)
-            angles[pose, sample] = weight[sample] * max(facing, 0.0) / (squared * np.sqrt(squared))
+            angles[pose, sample] = area[sample] * max(facing, 0.0) / (squared * np.sqrt(squared))
     return angles
 
 
@@ -120,7 +117,7 @@ def counted(
     positions : array, shape (M, 3), m
         Demonstrated, source frame.
     weight : array, shape (M, K)
-        Share of each picture that each sample fills (`picture_share`), 0 for what is not seen.
+        Share of each picture that is about each sample (`picture_share`), 0 for what is not seen.
     here, there : array, shape (K, 3), m
         The samples on the source, and their counterparts on the target; `carrier` maps all of its space.
     settings : TransferSettings

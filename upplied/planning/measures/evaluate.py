@@ -121,7 +121,8 @@ def _standoff_kept(
         index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
         known = np.flatnonzero(fit.correspondences.target_index >= 0)
         here, positions = fit.source.points[known], shown.stations.positions[index]
-        weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
+        about = shown.seen[index][:, known], take.inspection.attention.weight
+        weight = picture_share(positions, fit.source, known, *about)
         there, carrier = fit.correspondences.target_points[known], registered_map(fit.registration)
         rules = settings.transfer, take.inspection.camera, settings.route.clearance_m
         coarse = None if shown.coarse is None else shown.coarse[index]
