@@ -16,6 +16,7 @@ from upplied.planning.plan import plan_transfer
 from upplied.planning.trajectory import complete
 from upplied.planning.trajectory.added_passes import Beside, Extended
 from upplied.planning.trajectory.flyable import Result, _within
+from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import Sight
 from upplied.records import Plan
 from upplied.samples.fleet import member, sample_structures
@@ -153,12 +154,13 @@ def test_passes_are_flown_where_they_show_a_percent_more_and_pay_for_their_time(
         ways=None,
         seconds_of=lambda _: 100.0,
         in_time=lambda *_: result,
+        safe=lambda positions: positions,
     )
     problem = SimpleNamespace(
         starts=[None],
         view=SimpleNamespace(missed=lambda *_: []),
         along=lambda *_: None,
     )
-    best = SimpleNamespace(path=None)
+    best = SimpleNamespace(path=Flown(np.zeros((2, 3)), np.zeros(2), np.zeros(2)))
     waypoints = complete._with_passes(problem, best, Result(alone, 100.0, 0.95), flyable, 200.0)
     assert waypoints is (longer if flown else alone)

@@ -247,6 +247,25 @@ def test_under_a_roof_a_path_keeps_clear_of_wall_and_roof_at_once(wall: View):
     assert is_clear and done.search.shown(path) == pytest.approx(1)
 
 
+def test_what_no_push_leads_out_of_counts_as_at_the_start(wall: View):
+    """Two plates 2 m apart, between which nothing keeps 2 m, behind a path; only its middle dips in there."""
+    plates = [[x, y, z] for y in (-11.0, -13.0) for x, z in ((-10, -9), (10, -9), (10, 19), (-10, 19))]
+    corners = np.concatenate([[[-10.0, 0, 0], [10, 0, 0], [10, 0, 12], [-10, 0, 12]], np.array(plates)])
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * plate for plate in range(3)])
+    scene = Scene(corners, faces)
+    task = problem(replace(wall, scene=scene), along(), airspace=Airspace(scene, 2.0, Surroundings()))
+    search = optimise(task, 0.3, OptimiseSettings()).search
+    change = search.first.reshape(-1, 5).copy()
+    change[len(change) // 2 - 2 : len(change) // 2 + 2, 1] = -6.0 / search.state.unit[1]
+    dipped, start = search.state.flown(change.ravel()), search.state.flown(search.first)
+    assert (np.abs(dipped.positions[:, 1] + 12) < 0.5).any()
+    path, is_clear = search.cleared(change.ravel())
+    assert is_clear and task.airspace.allowed(path.positions).all()
+    at_start = (path.positions == start.positions).all(axis=1)
+    assert at_start.any() and not at_start.all()
+    assert search.worth(change.ravel(), search.first_sight) > 0
+
+
 def test_a_path_that_comes_too_near_is_worth_what_it_shows_once_pushed_out(wall: View):
     """Resolved from 2.5 m, drawn to it without a price for coming nearer than 2.2 m."""
     middle = np.abs(wall.cloud.points[:, 2] - 4) < 1

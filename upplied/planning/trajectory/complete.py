@@ -124,7 +124,8 @@ def _with_passes(
         longer = None if beside is None else _longer(beside, _LESS * limit_s - alone.taken_s, flyable)
         if longer is None:
             return alone.waypoints
-        request = problem.along(longer.path, longer.origin, longer.added, best.path)
+        led = replace(best.path, positions=flyable.safe(best.path.positions))
+        request = problem.along(longer.path, longer.origin, longer.added, led)
         result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
         whole = flyable.in_time(result, longer.origin, longer.added, limit_s)
     except RefusedError:  # no safe way along the passes: the flight without them has one
@@ -134,11 +135,8 @@ def _with_passes(
 
 
 def _longer(beside: Beside, spare_s: float, flyable: Flyable) -> Extended | None:
-    """The carried flight with passes that take at most so much time; None where there are none.
-
-    The pace knows neither bends nor sharp pictures: passes are shortened until the time is right. Refused if
-    there is no safe way.
-    """
+    """The carried flight with passes in so much time; None where there are none, refused if not safe."""
+    # The pace knows neither bends nor sharp pictures: passes are shortened until the time is right.
     alone_s = flyable.seconds_of(Extended.alone(beside.path))
     wished_s = spare_s * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_SHORTENED):

@@ -133,10 +133,7 @@ class Flyable(Record):
 def _within(
     bound: float, positions: Floats, at: Floats, goal: Goal, safe: Callable[[Floats], Floats]
 ) -> Floats:
-    """The path, drawn towards the demonstrated shape until it departs by no more than the bound, and safe.
-
-    Refused if the path that is drawn is not safe within the bound.
-    """
+    """The path, drawn towards the demonstrated shape until within the bound; refused if not safe there."""
     flown = interpolated(at, np.arange(float(len(goal.flown))), goal.flown)
     image, stands = Shape.of(flown, goal.standing).image(positions), goal.standing
     reference = goal.reference @ stands.T

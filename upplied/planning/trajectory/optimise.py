@@ -201,12 +201,14 @@ class _Search(Record):
         return self.value(path, sight) - (not is_clear)
 
     def cleared(self, variables: Floats) -> tuple[Flown, bool]:
-        """The path, pushed out where it comes too near, and whether it keeps distance, floor and ceiling."""
+        """The path pushed out where it comes too near, else as at its start, and whether it is clear then."""
         path, airspace = self.state.flown(variables), self.problem.airspace
-        if Clearance.of(airspace, path).is_clear(path):
+        if not Clearance.of(airspace, path).broken(path).any():
             return path, True
         path = replace(path, positions=pushed_out(path.positions, airspace))
-        return path, Clearance.of(airspace, path).is_clear(path)
+        broken = Clearance.of(airspace, path).broken(path)
+        path.positions[broken] = self.state.flown(self.first).positions[broken]
+        return path, not Clearance.of(airspace, path).broken(path).any()
 
     def improved(self) -> tuple[float, Floats]:
         """The best of the rounds, until one gains too little, and what it is worth."""

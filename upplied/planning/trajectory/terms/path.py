@@ -42,10 +42,10 @@ class Clearance(Record):
         """The same, for a distance that is wished for and not demanded, without ground and ceiling."""
         return replace(self, least_m=least_m, floor_m=-np.inf, ceiling_m=np.inf)
 
-    def is_clear(self, flown: Flown) -> bool:
-        """Whether each station keeps the distance, the floor and the ceiling, if not what is kept beyond."""
-        lack, low, high = (values.max(initial=0) for values in self._lacks(flown))
-        return bool(max(lack - _BEYOND_M, low, high) <= _HARMLESS_M)
+    def broken(self, flown: Flown) -> Bools:
+        """Which stations break the distance, the floor or the ceiling, not only what is kept beyond."""
+        lack, low, high = self._lacks(flown)
+        return np.asarray(np.maximum(lack - _BEYOND_M, np.maximum(low, high)) > _HARMLESS_M, bool)
 
     def _lacks(self, flown: Flown) -> tuple[Floats, Floats, Floats]:
         height = ((flown.positions - self.closest) * self.outward).sum(axis=1)
