@@ -43,6 +43,7 @@ def main() -> None:
     run.add_argument("--strangers", action="store_true", help="pairs of other kinds, as given")
     run.add_argument("--families", action="store_true", help="pairs of the families of bench/families.py")
     run.add_argument("--real", action="store_true", help="no generated structures")
+    run.add_argument("--unflown", action="store_true", help="flights round other real structures alone")
     run.add_argument("--processes", type=int, default=1)
     run.add_argument("--kernel", choices=("plain",), help=argparse.SUPPRESS)
     table = what.add_parser("table", help="print what was found")
@@ -95,7 +96,7 @@ def _run(options: argparse.Namespace) -> None:
     count, seed = options.sample or (None, options.shuffle)
     chosen = [
         pair
-        for pair in pairs(options.strangers, seed, options.families)
+        for pair in pairs(options.strangers, seed, options.families, options.unflown)
         if options.half in (None, pair.half)
         and not (options.real and "-random-" in pair.name)
         and (not options.pairs or any(word in pair.name for word in options.pairs))

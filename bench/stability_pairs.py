@@ -53,6 +53,14 @@ PILOT = {
     "hotel_generic_fg": ("sides",),
     "larics_bridge": ("piers",),
 }
+#: Flights of the simulated pilot round the other real structures, by group.
+UNFLOWN = {
+    "airplane": ("fuselage", "wings", "engine_left"),
+    "turbine": ("tower",),
+    "ship": ("hull",),
+    "building": ("sides",),
+    "bridge": ("piers",),
+}
 #: Flights round generated structures.
 GENERATED = {
     "airliner": ("fuselage", "wings", "engine_left"),
@@ -133,8 +141,17 @@ def structure(name: str) -> Structure:
 
 
 @cache
-def flights() -> list[Flight]:
-    """The logs, and what the simulated pilot is to fly."""
+def flights(unflown: bool = False) -> list[Flight]:
+    """The logs, and what the simulated pilot is to fly; or only round the real structures not among these."""
+    if unflown:
+        others = {name: groups()[name] for name in meshes()}
+        for flight in flights():
+            others.pop(flight.source, None)
+        return [
+            Flight(f"{source}-{PARTS[one]}", source, PARTS[one], group, one)
+            for source, group in others.items()
+            for one in UNFLOWN.get(group, ())
+        ]
     flights_of = []
     folder = real_folder()
     for path in sorted((folder / "flights2").glob("*.mcap")) if folder else []:
@@ -168,8 +185,8 @@ def demonstration(flight: Flight) -> Demonstration:
     return fly(structure(flight.source), flight.inspection, seed=len(flight.inspection))
 
 
-def _candidates(strangers: bool) -> Iterator[Pair]:
-    for flight in flights():
+def _candidates(strangers: bool, unflown: bool = False) -> Iterator[Pair]:
+    for flight in flights(unflown):
         for target, group in groups().items():
             like = group == flight.group
             if like == strangers or target == flight.source:
@@ -192,14 +209,18 @@ def _family_candidates(strangers: bool) -> Iterator[Pair]:
                 yield from (Pair(flight, one, strangers) for of, one in targets if (of != name) == strangers)
 
 
-def pairs(strangers: bool = False, seed: int = 0, families: bool = False) -> list[Pair]:
+def pairs(
+    strangers: bool = False, seed: int = 0, families: bool = False, unflown: bool = False
+) -> list[Pair]:
     """All pairs, or those of the families, in an order of which every beginning is a fair sample.
+
+    With `unflown` they are of flights round the real structures that no other pair's flight is round.
 
     Parts take turns (engine, fuselage, wings, ...); within a part real and generated pairs and both
     halves come in proportion to their numbers, shuffled.
     """
     strata: dict[tuple[str, bool, str], list[Pair]] = {}
-    for pair in (_family_candidates if families else _candidates)(strangers):
+    for pair in _family_candidates(strangers) if families else _candidates(strangers, unflown):
         strata.setdefault((pair.flight.part, pair.generated, pair.half), []).append(pair)
     placed: dict[str, list[tuple[float, Pair]]] = {}
     for number, (key, some) in enumerate(sorted(strata.items())):

@@ -109,6 +109,25 @@ def test_every_beginning_of_the_order_is_a_fair_sample() -> None:
     assert not {pair.name for pair in strange} & {pair.name for pair in order}
 
 
+def test_flights_round_other_structures_share_no_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    import stability_pairs as module
+
+    names = {"airplane": ("a320_fr24", "a319_fr24", "crj200_fg"), "ship": ("ferry_88m", "tanker_240m")}
+    paths = {one: Path(kind) / f"{one}.ply" for kind, some in names.items() for one in some}
+    monkeypatch.setattr(module, "meshes", lambda: paths)
+    for cached in (module.groups, module.flights):
+        cached.cache_clear()
+    try:
+        others = module.pairs(unflown=True, seed=1)
+        assert {pair.flight.source for pair in others} == {"a319_fr24", "crj200_fg", "tanker_240m"}
+        assert {pair.flight.name for pair in others if pair.target == "ferry_88m"} == {"tanker_240m-hull"}
+        assert len(others) == 2 * 3 * 2 + 1
+        assert not {pair.flight.source for pair in module.pairs() if not pair.generated} & {"a319_fr24"}
+    finally:
+        module.groups.cache_clear()
+        module.flights.cache_clear()
+
+
 def test_the_ruler_measures_a_cube() -> None:
     from stability_rows import axis_share, clearance, packed, resampled, unpacked
 
