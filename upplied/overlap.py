@@ -69,10 +69,8 @@ class Frames:
 
     @cached_property
     def _grid(self) -> Floats:
-        """Places (K, 2) in a picture, -1 to 1: a Fibonacci lattice, no two of them in a row or a column.
-
-        A picture that moves by less than a row of an upright grid, along a tower, would count as the same.
-        """
+        """Places (K, 2) in a picture, -1 to 1: a Fibonacci lattice, no two of them in a row or a column."""
+        # A picture that moves by less than a row of an upright grid, along a tower, would count as the same.
         order = np.arange(_RAYS)
         return 2 * np.column_stack([(order + 0.5) / _RAYS, (order + 0.5) * _GOLDEN % 1]) - 1
 

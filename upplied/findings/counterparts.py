@@ -102,10 +102,8 @@ def nowhere(count: int) -> Counterparts:
 
 
 def _turn(spots: Floats, ring: Floats, carried: Floats, normal: Floats, known: Bools) -> Floats:
-    """The orthogonal matrices (N, 3, 3) that turn directions about spots into those about their counterparts.
-
-    In the plane they are the orthogonal factor of the linear map of the ring of samples about a spot.
-    """
+    """Matrices (N, 3, 3) that turn directions about spots into those about their counterparts."""
+    # In the plane they are the orthogonal factor of the linear map of the ring of samples about a spot.
     here, there = (np.stack([*plane_axes(up), up], axis=-1) for up in (spots[:, 3:], normal))
     flat, moved = (np.einsum("nki,nij->nkj", each[:, 1:], axes)[..., :2] * known[..., None]
                    for each, axes in ((ring, here), (carried, there)))  # fmt: skip

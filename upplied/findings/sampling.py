@@ -73,11 +73,8 @@ def carried_samples(pair: Pair, source: Structure, target: Structure, settings: 
 
 
 def _ways_of_carrying(pair: Pair) -> Floats:
-    """Where other maps carry the source's samples (N, _WAYS, 3), m, frame of the registered target.
-
-    They are the registration, the box of each part, what faces alike in three cones, and in slabs
-    across each axis; NaN where too little does.
-    """
+    """Where other maps carry the source's samples (N, _WAYS, 3), m, registered; NaN where too little does."""
+    # The registration, the box of each part, what faces alike in three cones, and in slabs across each axis.
     fit, match = pair.surface, pair.surface.correspondences
     points = fit.source.points
     if match.displacement is None or match.source_class is None or match.target_class is None:

@@ -52,10 +52,7 @@ def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None) 
 
 
 def _standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m: Floats) -> Floats:
-    """Distance (N,), m, to the surface nearest to the middle of each picture.
-
-    For a picture without surface it is the distance of the nearest surface.
-    """
+    """Distance (N,), m, to the surface in the middle of each picture; without any, to the nearest surface."""
     across, upwards = np.zeros(1), np.zeros(1)
     if camera is not None:
         steps = np.linspace(-1, 1, 2 * _HALF_PICTURE + 1)

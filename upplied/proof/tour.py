@@ -211,10 +211,7 @@ def _timed(
     poses: Trajectory, chosen: Ints, line: Floats, at: Ints, plan: Trajectory, limits: RetimeSettings,
     most_mps: Floats | None = None,
 ) -> tuple[Trajectory, Bools]:  # fmt: skip
-    """Times under the vehicle's limits, no faster than the plan usually was; cameras turn on the way.
-
-    No faster either than `most_mps` (K,) on the legs beside each chosen pose.
-    """
+    """Times under the vehicle's limits, no faster than the plan usually was, nor `most_mps` (K,) by each."""
     if len(line) == 1:  # one look: to hover for a second is enough
         once = np.repeat(line, 2, axis=0), poses.quat_xyzw[chosen[[0, 0]]]
         return Trajectory(np.array([0.0, 1.0]), *once), np.array([True, True])

@@ -96,10 +96,7 @@ def _steps(demand: Demand, count: int, looks: Sequence[Looked]) -> list[Bools]:
 
 
 def _fine(demand: Demand, camera: Camera, distance_m: Floats) -> Bools:
-    """Patches (N,) of which a pixel covers little enough; none where the camera's pixels are not known.
-
-    `distance_m` (N,) is over the cosine of the incidence: a pixel covers more of what is seen obliquely.
-    """
+    """Patches (N,) of which a known pixel covers little enough; distances (N,) are over the cosine, m."""
     if demand.gsd_mm is None:
         return np.ones(len(distance_m), bool)
     if not camera.width_px:

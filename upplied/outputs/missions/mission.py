@@ -220,10 +220,7 @@ def fenced(missions: list[Mission], structure: Structure, supposed: SupposedSurf
 
 
 def _rally(mission: Mission, structure: Structure, supposed: SupposedSurface | None) -> Floats:
-    """The rally points (R, 3) of a structure: latitude and longitude, deg, and height above home, m.
-
-    One where a vehicle could not land, by the rules or under the structure, is refused.
-    """
+    """Rally points (R, 3), latitude and longitude, deg, height over home, m; refused where one is no use."""
     points = np.asarray(structure.surroundings.rally_m, float)
     if not len(points):
         return points

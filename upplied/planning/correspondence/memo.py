@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 from upplied.config import digest
 from upplied.provenance import method
 
-METHOD_VERSION = "43"
+METHOD_VERSION = "44"
 
 R = TypeVar("R")
 
