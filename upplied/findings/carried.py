@@ -200,11 +200,9 @@ class Carrying:
         self, spots: Counterparts, carried: Carried, source: str, names: Sequence[str],
         near: Near | None = None,
     ) -> Counterparts:  # fmt: skip
-        """Counterparts on one structure carried on to others, as many on each: the larger error counts.
-
-        Errors have long tails, so that both are seldom large, and what the two correspondences have in common
-        cancels: 97 % of such places lie within it (bench/findings.py).
-        """
+        """Counterparts on one structure carried on to others, as many on each: the larger error counts."""
+        # Errors have long tails, so that both are seldom large, and what the two correspondences have in
+        # common cancels: 97 % of such places lie within it (bench/findings.py).
         size_m = np.repeat([self._size_m[name] for name in names], len(spots) // len(names))
         there = counterparts.carried_spots(spots.spots, carried, size_m, near)
         lost = ~np.isfinite(spots.place[:, :1])

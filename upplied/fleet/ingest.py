@@ -210,11 +210,7 @@ _WORDS = "manifest-words"  # of the cache: site and notes of an entry
 
 @dataclass(frozen=True)
 class _Stored:
-    """What the catalog knows of its structures, by id.
-
-    Which entry gave a row's words is noted in the cache; else a row is as its entry says if its words begin
-    so.
-    """
+    """What the catalog knows of its structures, by id; the cache notes which entry gave a row's words."""
 
     content: Mapping[str, tuple[str, ...]]  # hash, site and notes
     size_m: Mapping[str, np.ndarray]

@@ -190,11 +190,9 @@ class _Context(context.SpawnContext):
 
 @contextmanager
 def _bare_child() -> Iterator[None]:
-    """What a child that is started within inherits: one thread a library, and not the caller's script.
-
-    Libraries read the environment while they load. A worker of Dask is a daemon, which multiprocessing
-    forbids children; ours end with their parent by themselves.
-    """
+    """What a child that is started within inherits: one thread a library, and not the caller's script."""
+    # Libraries read the environment while they load. A worker of Dask is a daemon, which multiprocessing
+    # forbids children; ours end with their parent by themselves.
     with _environment:
         before = {name: os.environ.pop(name, None) for name in ONE_THREAD}
         script, here = sys.modules["__main__"], current_process()

@@ -180,10 +180,8 @@ def gap_flight(
 
 
 def _planned_looks(part: Part, plan: Trajectory, graph: Roadmap) -> tuple[Floats, Ints]:
-    """What the plan's nearest, most frontal and finest look at each sample reach, (5, M), m, deg, m, deg, m.
-
-    A sample that the plan does not see requires nothing. The poses of those looks are returned too, (3 M,).
-    """
+    """What the plan's nearest, most frontal and finest look at each sample reach, (5, M), in m and deg."""
+    # A sample that the plan does not see requires nothing. The poses of those looks are returned too, (3 M,).
     count = len(part.cloud)
     if not len(plan):
         return np.full((5, count), np.inf), np.zeros(_LOOKS * count, np.int64)

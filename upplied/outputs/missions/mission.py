@@ -115,11 +115,9 @@ def missions_of(
 def _airspace_of(
     structure: Structure, supposed: SupposedSurface | None, path: Floats, options: MissionOptions
 ) -> Airspace:
-    """The rules for every leg of a mission round a path (N, 3), m, structure frame.
-
-    The clearance is the required one, or that of the plan if it is less; the gate decides about such a plan.
-    The ceiling is the structure's, and the usual one unless the plan is higher.
-    """
+    """The rules for every leg of a mission round a path (N, 3), m, structure frame."""
+    # The clearance is the required one, or that of the plan if less; the gate decides about such a plan.
+    # The ceiling is the structure's, and the usual one unless the plan is higher.
     scene = scene_for(structure, supposed)
     planned = path_clearance(scene, path).certain_m
     usual = USUAL_CEILING_M if options.max_height_m is None else options.max_height_m

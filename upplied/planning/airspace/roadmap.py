@@ -118,10 +118,8 @@ def way_towards(graph: Roadmap, start: Floats, goal: Floats) -> Floats:
 
 
 def _shortest(graph: Roadmap, nodes: Floats, near: list[Ints], beside: Floats | None) -> tuple[Floats, Ints]:
-    """How far each node is from the one after the graph's places, m, and the node before it on the way there.
-
-    `near` are the places to which straight legs lead from each node that is none of the graph's.
-    """
+    """How far each node is from the one after the graph's places, m, and the node before it on the way."""
+    # `near` are the places to which straight legs lead from each node that is none of the graph's.
     count = len(graph.places)
     first = np.concatenate([graph.first, *(np.full(len(some), count + at) for at, some in enumerate(near))])
     second = np.concatenate([graph.second, *near])

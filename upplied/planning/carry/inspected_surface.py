@@ -111,10 +111,8 @@ def inspected_surface(
 
 
 def _between(target: Cloud, correspondences: Correspondences) -> tuple[Ints, Floats]:
-    """The samples of the source (N, K) between whose counterparts each target sample lies, and their shares.
-
-    Shares add up to 1 where the target corresponds to something, and fall to 0 beside it and round its edges.
-    """
+    """Samples of the source (N, K) between whose counterparts each target sample lies, and their shares."""
+    # They add up to 1 where the target corresponds to something, and fall to 0 beside it, round its edges.
     outward, weight, parts = target.outward, FACING * diagonal_of(target.points), labels_of(target)
     placed = np.isfinite(correspondences.target_points[:, 0])
     known = np.flatnonzero((correspondences.target_index >= 0) & placed)

@@ -33,7 +33,7 @@ from upplied.planning.measures.fidelity import (
     surface_states,
 )
 from upplied.planning.measures.picture_score import picture_score
-from upplied.planning.measures.verdict import by_camera, of_scan, of_surface, too_near
+from upplied.planning.measures.verdict import by_camera, of_parts, of_scan, of_surface, too_near
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.records import Bools, Floats, Measures, SurfaceStates, Trajectory
 
@@ -98,6 +98,7 @@ def judge(
         measures = replace(measures, standoff_kept_pct=_standoff_kept(*flown, takes, settings))
     warnings = (
         *of_surface(measures, seen, pair.target, pair.target_scene, settings),
+        *of_parts(shown, pair, settings),
         *of_scan(pair.missing),
         *by_camera(measures, takes, settings),
     )

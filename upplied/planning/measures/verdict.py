@@ -18,14 +18,19 @@ from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.affine import demonstrated_on_target
 from upplied.planning.carry.inspected_surface import InspectedSurface, area_ratio, inspected_by
 from upplied.planning.correspondence.label_transfer import fragments
+from upplied.planning.correspondence.naming import place_of
 from upplied.planning.correspondence.never_scanned import NeverScanned
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take
+from upplied.planning.measures.fidelity import Shown
+from upplied.planning.surface.frames import named_axes
+from upplied.planning.surface.parts import labels_of, parts_of_both
 from upplied.records import Measures, Structure, Trajectory
 
 _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.rules`)
 _TOLERANCE = 1.05  # of speeds and accelerations, which are read off differences of poses
+_LEAST_NAMED = 0.05  # of what is to be shown, from which a part is named that is hardly shown
 _TRANSIT_M, _TRANSIT_S = 50.0, 60.0  # that any plan may add for its ways
 
 
@@ -162,6 +167,19 @@ def of_surface(
     elif target.surface_error_m:
         yield f"the target is known to {known_m}: {adds}"
     yield from too_near(measures, settings)
+
+
+def of_parts(shown: Shown, pair: Pair, settings: Settings) -> Iterator[str]:
+    """Which parts of the target are hardly shown though the whole is, in words."""
+    label, need, fit = labels_of(shown.inspected.cloud), shown.inspected.need, pair.surface
+    whole, well = (np.bincount(label, need * of) for of in (np.ones(len(need)), shown.as_well))
+    parts = parts_of_both(fit.source, fit.registered, named_axes(pair.source.frame))[1]
+    hardly = (whole > _LEAST_NAMED * need.sum()) & (100 * well < settings.verdict.least_inspected_pct * whole)
+    for part in np.flatnonzero(hardly & (whole < need.sum())).tolist():
+        yield (
+            f"part_{part} ({place_of(parts, part)}) of the target, {100 * whole[part] / need.sum():.0f} % of "
+            f"what is to be shown, is shown by {100 * well[part] / whole[part]:.0f} %"
+        )
 
 
 def of_scan(missing: NeverScanned) -> Iterator[str]:

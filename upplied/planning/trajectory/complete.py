@@ -207,10 +207,8 @@ def _farthest_m(wanted_m: Floats, inspected: Bools, take: Take, goal: Goal, sett
 
 
 def _aside(take: Take, goal: Goal, view: View, settings: Settings) -> Floats:
-    """Angle (M,), rad, from the expert's optical axis to what was inspected; NaN where none was in sight.
-
-    What was in sight is asked as it is of the plan's `view`: so on the demonstrated structure both agree.
-    """
+    """Angle (M,), rad, from the expert's optical axis to what was inspected; NaN where none was in sight."""
+    # What was in sight is asked as it is of the plan's `view`: so on the demonstrated structure both agree.
     flight, cloud = take.inspection.flight, take.pair.surface.source
     need = take.inspection.attention.weight * cloud.areas
     theirs = replace(
