@@ -18,6 +18,7 @@ import bad_meshes
 import trimesh
 from random_members import random_member
 
+from upplied.catalog import Catalog
 from upplied.cli import main
 from upplied.errors import SettingsError
 from upplied.fleet.admission import Admission, shape_of
@@ -25,8 +26,8 @@ from upplied.fleet.members import Member, judged
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.inputs.rules import StructureSettings, from_json, unlike_its_kind
-from upplied.recommend.shapes import shape_features, turned
-from upplied.records import Cloud, Structure
+from upplied.recommend.shapes import Shapes, shape_features, turned
+from upplied.records import Cloud, Structure, Surroundings
 from upplied.samples.fleet import sample_structures
 
 BOUNDS = StructureSettings()
@@ -152,6 +153,24 @@ def test_a_model_that_stands_on_another_side_than_its_lower_one_is_told(tmp_path
             one for one in from_json(read_structure(entry).verdicts_json) if one.rule == "odd-up-axis"
         ]
         assert (f"up = {axis!r}" in verdicts[0].found) if axis else not verdicts
+
+
+def test_features_are_of_what_lies_under_the_ground_too(tmp_path: Path) -> None:
+    """Wrong axes put half of a structure under its ground: what is left would look like nothing."""
+    stands = known()["b777-v1"]
+    low, high = stands.vertices[:, 2].min(), stands.vertices[:, 2].max()
+    sunk = replace(stands, surroundings=Surroundings(float(low + high) / 2), sha256="sunk")
+    shapes = Shapes(Catalog(tmp_path / "catalog"))
+    shapes.learn(replace(stands, sha256="stands"))
+    shapes.learn(sunk)
+    here, there = (shapes.features(stands.structure_id, name) for name in ("stands", "sunk"))
+    for features in (there, shape_of(sunk)):
+        assert np.array_equal(here.occupied, features.occupied) and np.array_equal(
+            here.extent_m, features.extent_m
+        )
+        assert np.allclose(here.facing, features.facing)
+    clouds = [shapes.cloud(stands.structure_id, name) for name in ("stands", "sunk")]
+    assert clouds[1].points[:, 2].min() > (low + high) / 2 - 0.1 > clouds[0].points[:, 2].min() + 1
 
 
 def test_features_turn_as_their_samples_do() -> None:

@@ -12,13 +12,11 @@ from upplied.config import settings_for
 from upplied.errors import InputError
 from upplied.fleet.members import Member, judged
 from upplied.fleet.reading import Ingested, Progress, each
-from upplied.geometry.scene import scene_of
 from upplied.inputs import meshes
 from upplied.inputs import rules as known_rules
 from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.rules import StructureSettings, Verdict, decided, from_json, refusals
-from upplied.planning.surface.samples import surface_samples
-from upplied.recommend.shapes import ShapeFeatures, Shapes, content_of, shape_features
+from upplied.recommend.shapes import ShapeFeatures, Shapes, content_of, features_of
 from upplied.records import Structure
 
 
@@ -103,8 +101,7 @@ class Admission:
 
 
 def shape_of(structure: Structure) -> ShapeFeatures:
-    clouds = settings_for("recommended").clouds
-    return shape_features(surface_samples(structure, scene_of(structure), clouds))
+    return features_of(structure, settings_for("recommended").clouds)
 
 
 def check_structures(

@@ -6,20 +6,20 @@ that queries need no mesh; few files contain thousands of them.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from scipy.ndimage import binary_dilation
 
 from upplied.catalog import Catalog
-from upplied.config import digest, settings_for
+from upplied.config import CloudSettings, digest, settings_for
 from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import TRULY, Views, views
 from upplied.recommend.foresee import FORESIGHT_VERSION, Inspected, inspected
-from upplied.records import Bools, Cloud, Demonstration, Floats, Ints, Record, Rows, Structure
+from upplied.records import Bools, Cloud, Demonstration, Floats, Ints, Record, Rows, Structure, Surroundings
 
 FEATURES_VERSION = 1  # increased with every change of a feature
 
@@ -115,6 +115,12 @@ def turned(shape: ShapeFeatures, turn: Floats) -> ShapeFeatures:
     return _features(shape.extent_m[order], occupied, facing.reshape(-1))
 
 
+def features_of(structure: Structure, clouds: CloudSettings) -> ShapeFeatures:
+    """Features of all of a structure, also of what lies under its ground: its axes may be wrong."""
+    whole = replace(structure, surroundings=Surroundings())
+    return shape_features(surface_samples(whole, scene_of(whole), clouds))
+
+
 class Shapes:
     """Features of the shapes in a catalog, by its cache; meshes and logs are read where they lack there."""
 
@@ -126,8 +132,8 @@ class Shapes:
         """Compute and store the features of a structure from its record."""
         if not structure.sha256:
             return
+        self.features(structure.structure_id, structure.sha256, structure)
         self._known[structure.sha256] = self._cloud(structure.sha256, lambda: structure)
-        self.features(structure.structure_id, structure.sha256)
 
     def learn_flight(self, flight: Demonstration, structure: Structure) -> None:
         """Compute and store the surface that a demonstration saw, from the records of both."""
@@ -141,10 +147,17 @@ class Shapes:
             self._known[sha256] = self._cloud(sha256, lambda: self.catalog.structure(structure_id))
         return self._known[sha256]
 
-    def features(self, structure_id: str, sha256: str) -> ShapeFeatures:
-        """Features of one structure."""
-        key, of_cloud = self._key(sha256), lambda: shape_features(self.cloud(structure_id, sha256))
-        return self.catalog.cache("features", ShapeFeatures, key, of_cloud)
+    def features(self, structure_id: str, sha256: str, structure: Structure | None = None) -> ShapeFeatures:
+        """Features of one structure; its record, where it is known already."""
+
+        def whole() -> ShapeFeatures:
+            known = self.catalog.structure(structure_id) if structure is None else structure
+            if known.buried(known.vertices).any():
+                return features_of(known, self.clouds)
+            self._known[sha256] = self._cloud(sha256, lambda: known)
+            return shape_features(self._known[sha256])
+
+        return self.catalog.cache("features", ShapeFeatures, self._key(sha256), whole)
 
     def inspected(self, flight_id: str, flight_sha256: str, structure_id: str, its_sha256: str) -> Inspected:
         """The surface of its structure that a demonstration saw."""

@@ -54,10 +54,7 @@ def sample_structures() -> list[Structure]:
 
 @cache
 def member(structure_id: str) -> Member:
-    """A sample structure with its parts.
-
-    Raises InputError if there is no sample of that id.
-    """
+    """A sample structure with its parts. Raises InputError if there is no sample of that id."""
     if structure_id not in _KINDS:
         known = ", ".join(sorted(_KINDS))
         raise InputError(f"sample structure {structure_id!r}", "is unknown", f"one of {known}")

@@ -77,9 +77,7 @@ class Breach:
 
 
 def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Breach]:
-    """Every rule that a stored plan breaks, its steps judged again with this required distance; none
-    where it has none.
-    """
+    """Every rule that a stored plan breaks, its steps judged again with this required distance; or none."""
     path = plan.trajectory
     if path is None:
         return []

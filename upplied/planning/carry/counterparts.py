@@ -35,10 +35,7 @@ class _Side(Record):
 
 
 def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterpart, ...]:
-    """What corresponds to each inspected part of all takes, the most inspected first.
-
-    None for presets that know no parts.
-    """
+    """What corresponds to each inspected part of all takes, the most inspected first, if parts are known."""
     if settings.correspondence.method != "parts":
         return ()
     counterparts: dict[str, Counterpart] = {}

@@ -162,10 +162,7 @@ def _unknown(name: str, which: str, landmarks: Landmarks, number: int, places: s
 
 
 def place_of(parts: Parts, part: int) -> str:
-    """Where a part lies in the structure, e.g. ``front left low``; ``middle`` where nothing stands out.
-
-    Left is +Y, front +X.
-    """
+    """Where a part lies, e.g. ``front left low`` (left is +Y, front +X); ``middle`` where nothing does."""
     low, high = parts.box
     offset = (parts.middle[part] - (low + high) / 2) / np.maximum(high - low, 1e-9)
     words = [pair[int(at > 0)] for pair, at in zip(_WORDS, offset, strict=True) if abs(at) > _CENTRAL]
