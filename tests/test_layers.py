@@ -197,7 +197,6 @@ def test_outputs_know_the_rules_of_the_air_and_no_other_room_of_planning():
 # Rooms after the plan that ask `scene_of`, the surface that was scanned alone, and what for; all others ask
 # `supposed_scene.scene_for`, which knows what was never scanned as well.
 SCANNED_ALONE = {
-    "fleet/admission.py": "samples of a structure",
     "fleet/editing.py": "samples of a structure",
     "fleet/flight_logs.py": "samples, and what a real flight kept clear of and saw: it is its own evidence",
     "outputs/logs.py": "a picture of what is known",
