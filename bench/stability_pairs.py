@@ -53,15 +53,7 @@ PILOT = {
     "hotel_generic_fg": ("sides",),
     "larics_bridge": ("piers",),
 }
-#: Flights of the simulated pilot round the other real structures, by group.
-UNFLOWN = {
-    "airplane": ("fuselage", "wings", "engine_left"),
-    "turbine": ("tower",),
-    "ship": ("hull",),
-    "building": ("sides",),
-    "bridge": ("piers",),
-}
-#: Flights round generated structures.
+#: Flights round generated structures, and round real ones of their groups that nothing else flies.
 GENERATED = {
     "airliner": ("fuselage", "wings", "engine_left"),
     "wind_turbine": ("tower",),
@@ -144,13 +136,13 @@ def structure(name: str) -> Structure:
 def flights(unflown: bool = False) -> list[Flight]:
     """The logs, and what the simulated pilot is to fly; or only round the real structures not among these."""
     if unflown:
-        others = {name: groups()[name] for name in meshes()}
-        for flight in flights():
-            others.pop(flight.source, None)
+        flown = {flight.source for flight in flights()}
         return [
-            Flight(f"{source}-{PARTS[one]}", source, PARTS[one], group, one)
-            for source, group in others.items()
-            for one in UNFLOWN.get(group, ())
+            Flight(f"{source}-{PARTS[one]}", source, PARTS[one], GROUPS[kind], one)
+            for source in meshes()
+            for kind, some in GENERATED.items()
+            for one in some
+            if groups()[source] == GROUPS[kind] and source not in flown
         ]
     flights_of = []
     folder = real_folder()

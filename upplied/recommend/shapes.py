@@ -133,7 +133,7 @@ class Shapes:
         if not structure.sha256:
             return
         self.features(structure.structure_id, structure.sha256, structure)
-        self._known[structure.sha256] = self._cloud(structure.sha256, lambda: structure)
+        self.cloud(structure.structure_id, structure.sha256, structure)
 
     def learn_flight(self, flight: Demonstration, structure: Structure) -> None:
         """Compute and store the surface that a demonstration saw, from the records of both."""
@@ -141,21 +141,26 @@ class Shapes:
         if flight.sha256 and structure.sha256:
             self._inspected(flight.sha256, structure.sha256, lambda: (flight, structure))
 
-    def cloud(self, structure_id: str, sha256: str) -> Cloud:
-        """Surface samples of one structure, the same as in planning."""
+    def cloud(self, structure_id: str, sha256: str, structure: Structure | None = None) -> Cloud:
+        """Surface samples of one structure, the same as in planning; its record, where it is at hand."""
+
+        def sampled() -> Cloud:
+            known = structure or self.catalog.structure(structure_id)
+            return surface_samples(known, scene_of(known), self.clouds)
+
         if sha256 not in self._known:
-            self._known[sha256] = self._cloud(sha256, lambda: self.catalog.structure(structure_id))
+            key = content_key("surface", sha256, self.clouds)
+            self._known[sha256] = self.catalog.cache("clouds", Cloud, key, sampled)
         return self._known[sha256]
 
     def features(self, structure_id: str, sha256: str, structure: Structure | None = None) -> ShapeFeatures:
-        """Features of one structure; its record, where it is known already."""
+        """Features of all of one structure; its record, where it is at hand."""
 
         def whole() -> ShapeFeatures:
-            known = self.catalog.structure(structure_id) if structure is None else structure
+            known = structure or self.catalog.structure(structure_id)
             if known.buried(known.vertices).any():
                 return features_of(known, self.clouds)
-            self._known[sha256] = self._cloud(sha256, lambda: known)
-            return shape_features(self._known[sha256])
+            return shape_features(self.cloud(structure_id, sha256, known))
 
         return self.catalog.cache("features", ShapeFeatures, self._key(sha256), whole)
 
@@ -194,13 +199,6 @@ class Shapes:
 
     def _key(self, sha256: str) -> str:
         return content_key("features", FEATURES_VERSION, sha256, self.clouds)
-
-    def _cloud(self, sha256: str, structure: Callable[[], Structure]) -> Cloud:
-        def sampled() -> Cloud:
-            known = structure()
-            return surface_samples(known, scene_of(known), self.clouds)
-
-        return self.catalog.cache("clouds", Cloud, content_key("surface", sha256, self.clouds), sampled)
 
     def _inspected(
         self, flight_sha256: str, structure_sha256: str, both: Callable[[], tuple[Demonstration, Structure]]

@@ -25,7 +25,7 @@ class Placement(Record):
 class Surroundings(Record):
     """Limits of a flight besides the structure itself, in the structure frame, m."""
 
-    ground_z_m: float | None = None  # height of level ground, None if unknown
+    ground_z_m: float | None = None  # height of level ground or water, None if unknown
     keep_out_m: Floats = field(default_factory=lambda: np.empty((0, 2, 3)))  # (K, 2, 3) boxes, min and max
     geofence_m: Floats = field(default_factory=lambda: np.empty((0, 2)))  # (G, 2) polygon in x y, empty: none
     ceiling_z_m: float | None = None  # highest allowed z
